@@ -3,18 +3,20 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 import re
-from typing import Literal
+from typing import get_args, Literal
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.friction import has_friction
 from kane_dynamics.model.drive import StiffnessCurve
+from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 from kane_dynamics.urdf.assembly import DEGREES as DEGREE_LIMIT
+from kane_dynamics.urdf.link_shapes import shape_volume
 from kane_dynamics.urdf.notices import DEGREE_LIMITS, DEGREES, NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +29,21 @@ SMALLEST_REACH = 0.5  # m: what a single link may measure itself
 PROBLEMS = (NO_INERTIAL, DEGREES)
 SAG = {'prismatic': 0.01, 'revolute': 0.05}  # deflection of a gear under gravity
 UNITS = {'prismatic': 'm', 'revolute': 'rad'}
+# Densities of links, kg/m^3: hollow structures to solid steel; and the share of the robot's
+# mass or volume from which on a link is named.
+LIGHTEST_LINK, HEAVIEST_LINK = 200.0, 8000.0
+NAMED_SHARE = 0.02
+# Efforts that no motor states: one value at so many joints, and N m or N.
+ALIKE_EFFORTS, LARGEST_EFFORT = 5, 1000.0
+# Largest gravity torque relative to the effort: motors of arms are not so much stronger.
+SMALLEST_LOAD = 0.003
 SLOWEST, FASTEST = 1.0, 1e3  # Hz of a link on the spring of its drive
 # Words in the names of what legged and wheeled robots stand on.
 UNDERCARRIAGE = frozenset(('hip', 'thigh', 'knee', 'calf', 'shank', 'ankle', 'foot',
                            'leg', 'upperleg', 'lowerleg', 'wheel'))
 NAME_PART = re.compile('[A-Z]?[a-z]+|[A-Z]+(?![a-z])')  # of hip_joint, LHip and LEFT_HIP
 SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
-Level = Literal['fine', 'warning', 'problem']
+Level = Literal['problem', 'warning', 'cannot judge', 'fine']
 
 
 @dataclass(frozen=True)
@@ -43,8 +53,9 @@ class Finding:
 
     Attributes
     ----------
-    level : 'fine', 'warning' or 'problem'
-        A warning may be intended; a problem makes torques wrong or unsafe.
+    level : 'problem', 'warning', 'cannot judge' or 'fine'
+        A problem makes torques wrong or unsafe; a warning may be intended. What lacks
+        the data that a check needs cannot be judged, and is not fine.
     words : str
 
     """
@@ -54,8 +65,25 @@ class Finding:
 
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
-                  uncertainty: Uncertainty | None = None) -> list[Finding]:
-    """Return the findings about a robot model; motors hold it with any uncertain parameters."""
+                  uncertainty: Uncertainty | None = None,
+                  shapes: Sequence[LinkShape] | None = None) -> list[Finding]:
+    """
+    Return the findings about a robot model.
+
+    Parameters
+    ----------
+    model : Model
+        The model, as its file states it.
+    robot : Robot
+        The robot of the model, with its constraints and loads.
+    warnings : sequence of str
+        Of the model's file.
+    uncertainty : Uncertainty, optional
+        Motors must hold the robot with any of these parameters.
+    shapes : sequence of LinkShape, optional
+        Shapes of the links, which masses are compared with; None: not known.
+
+    """
     findings = []
     # From the file to the dynamics: each check may assume that those before found no
     # problem.
@@ -67,6 +95,7 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
     findings += _examine_compensation(model)
     findings += examine_masses(robot)
     findings += examine_units(model)
+    findings += examine_densities(model, shapes or ())
     findings += _examine_limits(model, robot)
     base = model.floating_base
     if base:
@@ -310,6 +339,41 @@ def _examine_inertias(model: Model, reach: float) -> list[Finding]:
     return findings
 
 
+def examine_densities(model: Model, shapes: Sequence[LinkShape]) -> list[Finding]:
+    """Return a warning of masses that do not fit the volumes of the links."""
+    carriers = {frame.name: frame.body for frame in model.frames}
+    volumes = np.zeros(len(model.bodies))
+    unreadable = []
+    for shape in shapes:
+        body = carriers.get(shape.link, WORLD)
+        try:
+            volumes[body] += shape_volume(shape) if body != WORLD else 0.0
+        except InputError as error:
+            unreadable.append(str(error))
+    masses = np.array([body.inertial.mass for body in model.bodies])
+    judged = (volumes > 0.0) & (masses > 0.0)
+    if 2.0 * masses[judged].sum() < masses.sum() or not judged.any():
+        reason = 'no shapes of most moving links; expected them in the URDF, and its meshes'
+        if unreadable:
+            reason = unreadable[0]
+        return [Finding('cannot judge', f'masses by the volumes of the links: {reason}')]
+
+    density = masses[judged] / volumes[judged]
+    # A small link may be nearly all motor or screw.
+    counts = np.maximum(masses[judged] / masses[judged].sum(),
+                        volumes[judged] / volumes[judged].sum()) > NAMED_SHARE
+    odd = counts & ((density < LIGHTEST_LINK) | (density > HEAVIEST_LINK))
+    total = masses[judged].sum() / volumes[judged].sum()
+    if not odd.any():
+        return [Finding('fine', 'the masses fit the volumes of the links: '
+                                f'{total:.3g} kg/m^3')]
+    names = [f'{model.bodies[k].name} ({value:.3g} kg/m^3)' for k, value in
+             zip(np.flatnonzero(judged)[odd], density[odd])]
+    return [Finding('warning', f'masses over the volumes of their links: {listed(names)}; '
+                               f'expected {LIGHTEST_LINK:g} to {HEAVIEST_LINK:g} kg/m^3, '
+                               'as of arms: are masses or sizes in another unit?')]
+
+
 def examine_masses(robot: Robot) -> list[Finding]:
     """Return a problem for joints that move no mass, where M is singular."""
     equations = robot.equations
@@ -358,10 +422,40 @@ def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Findi
         return [Finding('warning',
                         'gravity torques: zero for all joints; expected a base mounted '
                         'as in the URDF, with gravity along its -z')]
-    return [Finding('fine',
-                    f'the efforts hold the arm in {SAMPLES} random configurations '
-                    'within its limits, and at the largest gravity torques that a '
-                    'search from there finds')]
+    return [_verdict_on_efforts(
+        robot, weights,
+        f'the efforts hold the arm in {SAMPLES} random configurations within its limits, '
+        'and at the largest gravity torques that a search from there finds')]
+
+
+def _verdict_on_efforts(robot: Robot, torques: Array, fine: str) -> Finding:
+    """
+    Return whether efforts that exceed the holding torques, (n_q,), say anything.
+
+    Unstated limits and placeholders hold any arm, and so do right limits an arm whose
+    masses are a thousand times too small.
+    """
+    efforts = _holding_efforts(robot)
+    loaded = torques > ROUNDING * torques.max(initial=0.0)
+    unstated = loaded & ~np.isfinite(efforts)
+    names = np.array(robot.joint_names)
+    what = 'whether the motors hold the arm'
+    if unstated.any():
+        return Finding('cannot judge', f'{what}: no effort limit of '
+                       f'{listed(names[unstated].tolist())}; expected their limits')
+    values, counts = np.unique(efforts[loaded], return_counts=True)
+    shares = torques[loaded] / efforts[loaded]
+    share = float(shares.max(initial=0.0))
+    if share < SMALLEST_LOAD:
+        return Finding('warning', 'the largest gravity torque is '
+                       f'{100.0 * share:.2g} % of the effort limit; expected more of an '
+                       'arm: are masses or efforts in another unit?')
+    if counts.max(initial=0) >= ALIKE_EFFORTS or values.max(initial=0.0) >= LARGEST_EFFORT:
+        alike = f'{values[counts.argmax()]:g} at {counts.max()} joints'
+        return Finding('cannot judge', f'{what}: effort limits that look like '
+                       f'placeholders ({alike}, largest {values.max():g} N m or N); '
+                       'expected the limits of its motors')
+    return Finding('fine', fine)
 
 
 def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
@@ -381,9 +475,10 @@ def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
         return [Finding('problem', f'the actuators cannot hold the arm in {beyond} of '
                         f'{CLOSED_SAMPLES} random closed configurations within its '
                         f'limits: {listed(weak)} N m or N')]
-    return [Finding('fine',
-                    f'the efforts of {listed(robot.actuated_names)} hold the arm in '
-                    f'{CLOSED_SAMPLES} random closed configurations within its limits')]
+    return [_verdict_on_efforts(
+        robot, torques.max(axis=0),
+        f'the efforts of {listed(robot.actuated_names)} hold the arm in '
+        f'{CLOSED_SAMPLES} random closed configurations within its limits')]
 
 
 def _holding_sizes(robot: Robot, q: Array, uncertainty: Uncertainty | None) -> Array:
@@ -507,11 +602,11 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 def print_findings(findings: Sequence[Finding]) -> None:
     """Print findings, problems first."""
     counts = []
-    for level in ('problem', 'warning', 'fine'):
+    for level in get_args(Level):
         of_level = [finding for finding in findings if finding.level == level]
         for finding in of_level:
-            print(f'{level:>8}: {finding.words}')
+            print(f'{level:>12}: {finding.words}')
         count = len(of_level)
-        plural = 's' if level != 'fine' and count != 1 else ''
+        plural = 's' if level in ('problem', 'warning') and count != 1 else ''
         counts.append(f'{count} {level}{plural}')
     print(f'\n{", ".join(counts)}')

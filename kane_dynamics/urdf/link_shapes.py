@@ -232,13 +232,40 @@ def _box_around(mesh: LinkShape) -> LinkShape:
     return replace(mesh, kind='box', size=np.abs(high - low), pose=pose, file=None)
 
 
+def shape_volume(shape: LinkShape) -> float:
+    """
+    Return the volume of a shape, m^3; of an open mesh that of its convex hull.
+
+    Raises
+    ------
+    InputError
+        The file of a mesh cannot be read.
+
+    """
+    size = shape.size
+    if shape.kind == 'box':
+        return float(np.prod(size))
+    if shape.kind == 'cylinder':
+        return float(np.pi * size[0]**2 * size[1])
+    if shape.kind == 'sphere':
+        return float(4.0 / 3.0 * np.pi * size[0]**3)
+    mesh = _mesh(shape).to_mesh()
+    solid = mesh if mesh.is_watertight else mesh.convex_hull
+    return float(abs(solid.volume * np.prod(size)))
+
+
 def _corners(mesh: LinkShape) -> Array:
     """Return the corners of the box around a mesh, (2, 3), unscaled."""
+    return np.asarray(_mesh(mesh).bounds)
+
+
+def _mesh(shape: LinkShape) -> Any:
+    """Return the scene of a mesh's file, which has points."""
     import trimesh  # yourdfpy depends on it; it takes a second to import
     try:
-        corners = trimesh.load_scene(mesh.file, ignore_broken=True).bounds
+        scene = trimesh.load_scene(shape.file, ignore_broken=True)
     except Exception as error:  # each of many formats fails in its own way
-        raise InputError(f'{mesh.file}: {error}; expected a readable mesh') from error
-    if corners is None:
-        raise InputError(f'{mesh.file}: holds no points; expected a mesh')
-    return np.asarray(corners)
+        raise InputError(f'{shape.file}: {error}; expected a readable mesh') from error
+    if scene.bounds is None:
+        raise InputError(f'{shape.file}: holds no points; expected a mesh')
+    return scene

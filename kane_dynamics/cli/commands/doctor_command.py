@@ -1,19 +1,24 @@
 """The command `doctor`: problems of a URDF, of the node's configuration and of a live graph."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 import math
 from pathlib import Path
+from warnings import catch_warnings, simplefilter
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.analysis.model_checks import examine_model, Finding, print_findings
 from kane_dynamics.cli.printing import brief, print_json
 from kane_dynamics.cli.robot_options import (constraints_of, load_robot, source_of,
                                              uncertainty_of)
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelError, ModelWarning, UrdfError
 from kane_dynamics.identification.efforts import Efforts
+from kane_dynamics.mjcf import is_mjcf
 from kane_dynamics.model.flexible_model import stiffened
+from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf.document import read_source
+from kane_dynamics.urdf.link_shapes import load_collisions, load_visuals
 
 
 def doctor(options: Namespace) -> int:
@@ -22,7 +27,16 @@ def doctor(options: Namespace) -> int:
         raise InputError(f'--live: {options.live}; expected a positive, finite time in '
                          's')
     model_texts: list[str] = []
-    model, robot = load_robot(options, model_texts)
+    source = source_of(options)
+    if not is_mjcf(source):
+        read_source(source)  # a file that is missing or no text is an error of the call
+    try:
+        model, robot = load_robot(options, model_texts)
+    except (ModelError, UrdfError) as error:
+        faults = error.faults or (str(error),)
+        _print([*(Finding('problem', fault) for fault in faults),
+                Finding('cannot judge', 'all else, until these are mended')], options)
+        return 1
     if model.flexible:  # modes have no limits and are in no message
         model = stiffened(model)
         robot = Robot(model, **constraints_of(options))
@@ -40,7 +54,8 @@ def doctor(options: Namespace) -> int:
         # The node's robot has the constraints, motors and loads of the configuration.
         robot = node_robot
         model = node_robot.model
-    findings = [*examine_model(model, robot, model_texts, uncertainty_of(options, model)),
+    findings = [*examine_model(model, robot, model_texts, uncertainty_of(options, model),
+                               _shapes(source)),
                 *of_configuration]
 
     # The running nodes, which may have prefixed names.
@@ -54,20 +69,32 @@ def doctor(options: Namespace) -> int:
             options.joint_states,
             _stated_efforts(options))
 
+    _print(findings, options)
+    return int(any(finding.level == 'problem' for finding in findings))
+
+
+def _shapes(source: str | bytes) -> tuple[LinkShape, ...]:
+    """Return the shapes of the links for collisions, or else as drawn; none of MJCF."""
+    if is_mjcf(source):
+        return ()
+    with catch_warnings():
+        simplefilter('ignore', ModelWarning)  # a mesh that is missing cannot be judged
+        shapes = load_collisions(source)
+        covered = {shape.link for shape in shapes}
+        drawn = load_visuals(source)
+    return (*shapes, *(shape for shape in drawn if shape.link not in covered))
+
+
+def _print(findings: Sequence[Finding], options: Namespace) -> None:
+    """Print findings; long lists of names are shortened on a terminal."""
     if options.json:
-        data = []
-        for finding in findings:
-            data.append({'level': finding.level, 'words': finding.words})
-        print_json(data)
+        print_json([{'level': finding.level, 'words': finding.words}
+                    for finding in findings])
     elif options.verbose:
         print_findings(findings)
     else:
-        # Long lists of names are shortened on a terminal.
-        shortened = []
-        for finding in findings:
-            shortened.append(Finding(finding.level, brief(finding.words)))
-        print_findings(shortened)
-    return int(any(finding.level == 'problem' for finding in findings))
+        print_findings([Finding(finding.level, brief(finding.words))
+                        for finding in findings])
 
 
 def _stated_efforts(options: Namespace) -> Efforts | None:

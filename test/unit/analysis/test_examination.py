@@ -21,7 +21,7 @@ def arm(effort):
     for k in range(4):
         builder.body(f'rod{k}', f'rod{k - 1}' if k else 'world', axis=(0, 1, 0), at=at,
                      inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
-                     limits=Limits(-2.5, 2.5, 1.0, effort if k == 0 else math.inf))
+                     limits=Limits(-2.5, 2.5, 1.0, effort if k == 0 else 400.0))
         at = (0.5, 0, 0)
     return Robot(builder.model())
 
