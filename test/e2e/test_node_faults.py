@@ -14,14 +14,14 @@ from kane_dynamics import Robot
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
 from lifecycle_msgs.msg import Transition
-from node_process import BEST_EFFORT, JOINTS, model, NAME, URDF, wait_until
+from node_process import BEST_EFFORT, JOINTS, model, NAME, UNCHECKED, URDF, wait_until
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Empty, Float64MultiArray, String
 
 Q = np.array([0.3, -0.4, 0.2])
 SECOND = 10**9
@@ -49,6 +49,30 @@ def test_a_lost_plant_gives_zeros_and_a_restart_with_another_joint_order_is_acce
     client.connect()
     order = [2, 0, 1]
     assert close(client.ask(Q[order], np.zeros(3), [JOINTS[k] for k in order]), holding)
+
+
+@pytest.mark.parametrize('torque_path', ['native', 'python'])
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_after_a_failed_callback_the_arm_is_free_or_held_as_state_check_says(
+        client, start, holding, action, torque_path, monkeypatch):
+    helpers = Path(__file__).parents[1] / 'helpers'
+    monkeypatch.setenv('PYTHONPATH', str(helpers))
+    node = start(module='blocked_node', activation='at_once', arm_compensates='none',
+                 limits__rate='.inf', torque_path=torque_path,
+                 state_check__action=action, **UNCHECKED)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    failures = client.create_publisher(Empty, f'{NAME}/fail', 1)
+    assert wait_until(failures.get_subscription_count)
+    failures.publish(Empty())
+    node.wait_for('callback failed: RuntimeError: on purpose')
+    if action == 'zero':
+        assert wait_until(lambda: not any(client.commands[-1]), 2.0)
+    else:
+        count = len(client.commands)
+        assert close(client.ask(Q, np.zeros(3)), holding)
+        assert np.array(client.commands[count:]).any(axis=1).all()
+    client.destroy_publisher(failures)
 
 
 @pytest.mark.parametrize('discovery', ['LOCALHOST', 'OFF'])

@@ -1,4 +1,4 @@
-"""A dynamics node whose main thread sleeps for a second at each message on ~/block."""
+"""A dynamics node whose main thread sleeps for 1 s on ~/block, and fails on ~/fail."""
 
 import sys
 import time
@@ -8,12 +8,17 @@ from kane_dynamics.ros.dynamics_node.main import main
 from std_msgs.msg import Empty
 
 
+def fail(message):
+    raise RuntimeError('on purpose')
+
+
 class BlockedNode(node.DynamicsNode):
-    """The dynamics node with one more topic."""
+    """The dynamics node with two more topics."""
 
     def __init__(self):
         super().__init__()
         self.create_subscription(Empty, '~/block', lambda message: time.sleep(1.0), 1)
+        self.create_subscription(Empty, '~/fail', fail, 1)
 
 
 if __name__ == '__main__':

@@ -56,19 +56,20 @@ def make_executor(node: Node) -> Any:
 
 def spin(node: Node, executor: Any, stop: Future,
          timeout: Callable[[], float] = lambda: SPIN_TIMEOUT,
-         failed: Callable[[], None] = lambda: None) -> None:
+         failed: Callable[[str], None] = lambda reason: None) -> None:
     """
     Spin until `stop`, each time for `timeout` s.
 
-    Report a failed callback and call `failed`.
+    Report a failed callback and call `failed` with the reason.
     """
     # A callback that fails must not end a node that commands torques.
     while not stop.done():
         try:
             executor.spin_until_future_complete(stop, timeout())
         except Exception as error:
-            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
-            failed()
+            reason = f'callback failed: {type(error).__name__}: {error}'
+            node.get_logger().fatal(reason)
+            failed(reason)
 
 
 def stop_on_signal(stop: Future) -> None:

@@ -162,6 +162,7 @@ class ConfiguredRobot:
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
+        self._answers = True  # whether the last state was answered, or refused
         self._transforms: TransformTree | None = None
         if values['tf.enabled']:
             self._transforms = TransformTree(
@@ -497,7 +498,9 @@ class ConfiguredRobot:
             BEST_EFFORT, raw=True))
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
+        self._answers = False
         self.path.on_state(data)  # first: the command must not wait for the count
+        self._answers = True
         self.lost_states.note(info)
 
     def _now(self) -> int:
@@ -554,6 +557,23 @@ class ConfiguredRobot:
         self.path.stop()
         timeout = Duration(seconds=ACKNOWLEDGE_TIMEOUT)
         return bool(self._commands.wait_for_all_acked(timeout))
+
+    def hold_after(self, reason: str) -> bool:
+        """
+        Bring the arm to rest and hold it after a failure; return whether that is possible.
+
+        A path that fails at a state is silent from then on, so that torque_guard takes
+        over.
+        """
+        path = self.path
+        if not self._answers:
+            path.ended = reason
+            path.running = self.guard is None or bool(self.guard.warning)
+            return not path.running
+        if not path.failure:
+            path.interrupt(path.now, reason)
+        path.failure = reason
+        return True
 
     def close(self) -> None:
         """Close the topics; services then answer that the node is not configured."""

@@ -56,16 +56,12 @@ def spin_node(stop: Any) -> None:
     node = DynamicsNode()
     executor = make_executor(node)
 
-    def command_zeros() -> None:
-        if node.state == 'active':
-            node.trigger_deactivate()
-
     # Services run in their own thread; the torque path spins here.
     services = threading.Thread(target=node.server.spin, name='services', daemon=True)
     services.start()
     try:
         node.autostart()
-        spin(node, executor, stop, failed=command_zeros)
+        spin(node, executor, stop, failed=node.on_failure)
     finally:
         # Zeros first, then goals and services end.
         node.halt()

@@ -344,6 +344,24 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().error('commands: zeros not acknowledged by a subscriber '
                                     f'within {ACKNOWLEDGE_TIMEOUT} s')
 
+    def on_failure(self, reason: str) -> None:
+        """
+        React to a failed callback of the main thread as `state_check.action` says.
+
+        `zero` deactivates the node. With `hold` the arm comes to rest and is held: by the
+        torque path, or where it has failed itself, by torque_guard.
+        """
+        if self.state != 'active' or self.arm is None:
+            return
+        holds = False
+        if self.values['state_check.action'] == 'hold':
+            try:
+                holds = self.arm.hold_after(reason)
+            except Exception as error:
+                self.get_logger().fatal(f'no stop: {type(error).__name__}: {error}')
+        if not holds:
+            self.trigger_deactivate()
+
     def stop_compiling(self) -> None:
         """End requests that wait for kernels, and the compiler after the present one."""
         if self.arm is not None:

@@ -118,6 +118,9 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
     if path.fault:
         return ERROR, (f'joint states impossible for {path.state_age:.2f} s: '
                        f'{path.fault}; {path.reaction}')
+    if path.failure:
+        return ERROR, (f'{path.failure}; the desired motion was stopped; read the log, '
+                       'deactivate and activate the node')
     if arm.guard is not None and arm.guard.waiting:
         return WARN, 'active, waiting for torque_guard to hand over `commands`'
     return OK, f'active, {rate:.0f} commands/s'

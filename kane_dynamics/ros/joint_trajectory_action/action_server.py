@@ -282,8 +282,10 @@ class JointTrajectoryAction:
             self._judge_states(goal)
         except Exception as error:
             text = f'internal error: {type(error).__name__}: {error}'
+            if not goal.cancelled:  # without judgement the motion does not go on
+                self._stop(goal)
+                goal.cancelled = ''  # it is the fault of no client
             self._end(goal, GoalOutcome(ResultCode.INVALID_GOAL, text))
-            self._stop(goal)  # without judgement the motion does not go on
 
     def _judge_states(self, goal: FollowedGoal) -> None:
         """Judge states, publish feedback, and end the goal where it ends."""
@@ -340,6 +342,15 @@ class JointTrajectoryAction:
         return CancelResponse.ACCEPT
 
     def _stop(self, goal: FollowedGoal) -> None:
+        """Stop the arm along the path of a goal; where that fails, in the shortest time."""
+        try:
+            self._stop_along(goal)
+        except Exception as error:
+            self._log.error(f'{NAME}: no stop along the path: {type(error).__name__}: '
+                            f'{error}; stopping in state_check.stop_time')
+            goal.path.interrupt(goal.path.now, f'{type(error).__name__}: {error}')
+
+    def _stop_along(self, goal: FollowedGoal) -> None:
         """Schedule the stop along the path, and say where the arm comes to rest."""
         path = goal.path
         active_motion = path.active_motion

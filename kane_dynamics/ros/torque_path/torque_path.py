@@ -82,6 +82,8 @@ class TorquePath:
     ----------
     ended : str
         Why the path stopped by itself; empty if it did not, and after `stop`.
+    failure : str
+        Why the motion was stopped since the start, where the process has failed otherwise.
 
     """
 
@@ -120,6 +122,7 @@ class TorquePath:
         self._reason = ''  # of a fault
         self._silence_reason = ''
         self.ended = ''
+        self.failure = ''
         self._counts = dict.fromkeys(COUNTS, 0.0)
         # When the last stop by the controller began, and its motion.
         self._stop: tuple[float, Motion | None] = NEVER, None
@@ -319,6 +322,7 @@ class TorquePath:
         self.active_motion.clear('the node was activated')
         # Everything that refers to an earlier activation is forgotten.
         self.ended = ''
+        self.failure = ''
         self._epoch = self._last_good = self._now()
         self._counts = dict.fromkeys(COUNTS, 0.0)
         self._memory.path = self._initial()

@@ -3,6 +3,7 @@
 from functools import partial
 import math
 import sys
+from types import SimpleNamespace
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -19,7 +20,7 @@ from kane_dynamics.motion.smooth_motion import require_smooth  # noqa: E402
 from kane_dynamics.ros.common.conversion import JointNamesError  # noqa: E402
 from kane_dynamics.ros.inputs.trajectory_input import CdrTime  # noqa: E402
 from kane_dynamics.ros.joint_trajectory_action.action_server import (  # noqa: E402
-    follow_joint_trajectory_type)
+    follow_joint_trajectory_type, FollowedGoal, JointTrajectoryAction)
 from kane_dynamics.ros.joint_trajectory_action.goal_message import (  # noqa: E402
     TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (  # noqa: E402
@@ -298,3 +299,22 @@ def test_without_control_msgs_the_reason_is_one_line(monkeypatch):
             'control_msgs/FollowJointTrajectory .*; expected an installed package '
             r'control_msgs$'):
         follow_joint_trajectory_type()
+
+
+def test_a_goal_that_is_no_longer_judged_stops_the_arm_before_it_ends():
+    """A stop along the path may fail for the reason for which the judgement did."""
+    done = []
+    path = SimpleNamespace(
+        now=0, remove_observer=lambda record: done.append('end'),
+        interrupt=lambda stamp, reason: done.append('stop'),
+        running=True, active_motion=None)
+    handle = SimpleNamespace(abort=lambda: done.append('abort'))
+    goal = FollowedGoal(handle, path, ARM, MOTION, 0, None, None)
+    action = object.__new__(JointTrajectoryAction)
+    action._goal, action._timer = goal, None
+    action._log = SimpleNamespace(error=done.append, warning=done.append)
+    action._server = SimpleNamespace(destroy_timer=lambda timer: None)
+    action._judge()  # neither the judgement nor the stop along the path is possible
+    assert done[1:4] == ['stop', 'end', 'abort']
+    assert goal.outcome.code is ResultCode.INVALID_GOAL
+    assert 'internal error' in goal.outcome.text and 'no stop along the path' in done[0]
