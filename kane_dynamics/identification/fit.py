@@ -236,7 +236,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
 
     """
     standstill = number(standstill, 'standstill', 'a number >= 0', lambda x: x >= 0.0)
-    _check_options(weight, bounded, friction_only, standstill, friction)
+    _check_options(weight, bounded, friction_only, friction)
     check_recording(model, recording)
     require_rigid_joints(model)
     require_rigid_links(model)
@@ -274,7 +274,7 @@ def _stated_laws(model: Model, friction: str,
 
 
 def _check_options(weight: float | None, bounded: bool, friction_only: bool,
-                   standstill: float, friction: str) -> None:
+                   friction: str) -> None:
     """Raise InputError for options of `identify` that are out of range."""
     if weight is not None and not 0.0 < weight < np.inf:
         raise InputError(f'weight: {weight:g}; expected a positive, finite number')
@@ -282,8 +282,6 @@ def _check_options(weight: float | None, bounded: bool, friction_only: bool,
     # friction_only alone.
     if not (bounded or friction_only):
         raise InputError('bounded: False; expected it only with friction_only=True')
-    if not standstill >= 0.0:
-        raise InputError(f'standstill: {standstill:g}; expected a number >= 0')
     if friction != SELECT and friction not in LAW_NAMES:
         raise InputError(f'friction: {friction!r}; expected one of {SELECT}, '
                          f'{", ".join(LAW_NAMES)}')

@@ -27,6 +27,7 @@ from kane_dynamics.identification.recordings.signal_faults import (beyond_limits
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays,
                                                                   TorqueDelays)
+from kane_dynamics.identification.regression import STANDSTILL
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
@@ -647,23 +648,27 @@ def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repa
     Yield recordings without the constant offset of one joint's torques.
 
     Wrong masses cause a mean error too. The offset is therefore fitted together with all
-    inertial parameters, and only then compared with the given ones.
+    inertial parameters, and only then compared with the given ones. Stiction may give a
+    joint at rest any torque, and motion in one direction does not tell an offset from
+    Coulomb friction: only rows in motion count, in both directions.
     """
     if robot.model.flexible:  # beams have no regressor
         return
     Y = robot.regressor(r.q, r.u, r.udot)
     limits = np.asarray(robot.limits.effort)
     for j in range(robot.n):
-        columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])
-        columns = columns[:, columns.any(axis=0)]
+        directions = (r.u[:, j] > STANDSTILL), (r.u[:, j] < -STANDSTILL)
+        if min(map(np.count_nonzero, directions)) < FEWEST_ROWS:
+            continue
+        moving = directions[0] | directions[1]
+        columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])[moving]
         size = np.linalg.norm(columns, axis=0)
-        solution = scientific('scipy.linalg').lstsq(columns / size, torque[:, j],
+        size[size == 0.0] = 1.0  # of bodies that the joint does not move
+        solution = scientific('scipy.linalg').lstsq(columns / size, torque[moving, j],
                                                     cond=RANK, lapack_driver='gelsy')
-        x = solution[0] / size
-        offset = float(x[-1])
-        coulomb_friction = abs(float(x[-3]))
+        *_, coulomb_friction, _, offset = (solution[0] / size).tolist()
         # Friction differs with the direction: a smaller offset is part of it.
-        smallest = ASYMMETRY * coulomb_friction
+        smallest = ASYMMETRY * abs(coulomb_friction)
         if np.isfinite(limits[j]):
             smallest = max(smallest, LEAST_TORQUE_OFFSET * float(limits[j]))
         if abs(offset) <= smallest:

@@ -211,6 +211,38 @@ def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
     assert names_joint_alone(model(), change(good_recording(), joint), joint, words)
 
 
+def resting(r, joint, share, stiction):
+    """Return the recording with a joint at rest for a share of the rows, by stiction."""
+    rows = round(share * len(r))
+    state = {name: getattr(r, name).copy() for name in STATE}
+    for name, values in state.items():
+        values[rows:, joint] = values[:len(r) - rows, joint]
+        values[:rows, joint] = values[0, joint] if name == 'q' else 0.0
+    truth = Robot(load_urdf(URDF, supplement={'joints': FRICTION}))
+    tau = truth.inverse_dynamics(state['q'], state['u'], state['udot'])
+    tau[:rows, joint] += stiction
+    noise = np.random.default_rng(0).normal(scale=0.05, size=tau.shape)
+    return replace(r, **state, tau=tau + noise)
+
+
+@pytest.mark.parametrize('joint', [2, 5])
+@pytest.mark.parametrize('share', [0.8, 1.0])
+def test_stiction_at_rest_is_no_offset_of_torques(joint, share):
+    # Coulomb friction is 4 N m, and so is breakaway friction.
+    r = resting(good_recording(), joint, share, 3.5)
+    words = [finding.words for finding in diagnose(model(), r)]
+    assert not [w for w in words if 'offset' in w], words
+
+
+def test_a_recording_at_rest_without_noise_has_no_wrong_torques():
+    count = 300
+    q = np.tile([0.1, -1.2, 0.8, -0.6, 0.4, 0.2], (count, 1))
+    zero = np.zeros_like(q)
+    r = Recording(0.01 * np.arange(count), q, zero, zero, gravity(replace(
+        good_recording(), t=0.01 * np.arange(count), q=q, u=zero, udot=zero, tau=zero)))
+    assert not [finding for finding in diagnose(model(), r) if finding.level == 'wrong']
+
+
 @cache
 def fr3_recording():
     """Return an arm's model and a recording with other masses and friction."""
