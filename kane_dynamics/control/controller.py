@@ -20,7 +20,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.stopping import motion_to_rest, state_after
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_blend import TorqueBlend
-from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
+from kane_dynamics.control.torque_limiter import Command, lowered_efforts, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
@@ -93,7 +93,8 @@ class Controller:
     kd : float or (n,) array_like
         1/s, for computed torque.
     effort_limit : float or (n,) array_like, optional
-        N m or N; applies in addition to the robot's own limits. Default: only those.
+        N m or N, at most those of the robot, which apply too; one number limits the
+        joints whose own limit is larger. Infinite, the default: the robot's limits alone.
     rate_limit : float or (n,) array_like
         N m/s or N/s; infinite for no limit.
     blend_time : float
@@ -193,10 +194,8 @@ class Controller:
         effort: Array | None = None
         rate: Array | None = None
         if effort_limit is not None:
-            # An effort limit may only lower that of the model.
-            stated = np.asarray(self.robot.limits.effort, dtype=np.float64)
-            effort = np.minimum(per_joint(effort_limit, 'effort_limit', names,
-                                          finite=False), stated)
+            lowered_efforts(self.robot.limits.effort, effort_limit, names)
+            effort = per_joint(effort_limit, 'effort_limit', names, finite=False)
         if rate_limit is not None:
             rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
         # From here on nothing is refused.
@@ -210,7 +209,8 @@ class Controller:
         self._kd = new_kd
         self._gains = gains
         if effort is not None:
-            self._limiter.set_effort(effort)
+            self._effort = effort
+            self._limit_efforts()
         if rate is not None:
             self._limiter.set_rate(rate)
         if mode is not None and mode != self._mode:
@@ -221,6 +221,11 @@ class Controller:
         if compensate is not None:
             self._compensate = compensate
             self._back = compensate.of_feedback.weights
+
+    def _limit_efforts(self) -> None:
+        """Limit the torques by the setting and by the robot's present limits."""
+        self._limits = self.robot.limits
+        self._limiter.set_effort(np.minimum(self._effort, self._limits.effort))
 
     @property
     def followed(self) -> tuple[str, ...]:
@@ -270,6 +275,8 @@ class Controller:
     @property
     def effort_limit(self) -> Array:
         """Return the effort limits, (n,) N m or N: the robot's, or smaller ones."""
+        if self.robot.limits is not self._limits:
+            self._limit_efforts()
         return self._limiter.effort
 
     @property
@@ -356,6 +363,8 @@ class Controller:
         tau = self.torque(q, u, motion, moment, external, t)
         if self._blend.active:
             tau = self._blend.apply(t, tau, self._limiter.last)
+        if self.robot.limits is not self._limits:
+            self._limit_efforts()
         return self._limiter.apply(t, tau)
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,

@@ -9,10 +9,12 @@ from collections.abc import Iterable, Sequence
 import math
 from typing import NamedTuple
 
+from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Flags, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 import numpy as np
+from numpy.typing import ArrayLike
 
 FINITE = float(np.finfo(np.float64).max)
 
@@ -33,6 +35,31 @@ def within_rates(tau: Iterable[Scalar], last: Iterable[Scalar], change: Iterable
     """Return torques that differ from the last ones by at most the largest changes."""
     return [clipped(x, last_x - largest, last_x + largest)
             for x, last_x, largest in zip(tau, last, change, strict=True)]
+
+
+def lowered_efforts(stated: ArrayLike, effort_limit: ArrayLike, names: Sequence[str]
+                    ) -> Array:
+    """
+    Return the effort limits of joints, (n,), which `effort_limit` lowers.
+
+    Infinite ones lower nothing. One number, also if repeated, lowers larger limits.
+
+    Raises
+    ------
+    InputError
+        A limit is above the stated one of its joint, or one number is above all.
+
+    """
+    limits = np.asarray(stated, dtype=np.float64)
+    effort = per_joint(effort_limit, 'effort_limit', names, finite=False)
+    above = np.isfinite(effort) & (effort > limits)
+    # Of one number, the largest limit counts.
+    j = int(np.argmax(np.where(above, limits, -1.0)))
+    is_one = (effort == effort[:1]).all()
+    if above.all() if is_one else above.any():
+        raise InputError(f"effort_limit: {effort[j]:g} of joint '{names[j]}'; expected at "
+                         f'most {limits[j]:g}, the limit of the robot, or inf')
+    return np.minimum(effort, limits)
 
 
 class Command(NamedTuple):

@@ -9,6 +9,7 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.control.computed_torque import followed_joints, require_rigid
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
+from kane_dynamics.control.torque_limiter import lowered_efforts
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.closed_path import ClosedPath
@@ -141,12 +142,10 @@ class TrajectoryJoints:
     def limits(self, effort: ArrayLike, names: Sequence[str]) -> JointLimits:
         """Return the limits of joints, with a further effort limit of all joints."""
         stated = self._robot.limits
-        further = per_joint(effort, 'effort_limit', self._robot.joint_names,
-                            finite=False)
+        efforts = lowered_efforts(stated.effort, effort, self._robot.joint_names)
         places = self._places(names)
         return JointLimits(stated.lower[places], stated.upper[places],
-                           stated.velocity[places],
-                           np.minimum(stated.effort, further)[places])
+                           stated.velocity[places], efforts[places])
 
     def turned(self, start: Array, first: Array, limits: JointLimits) -> State:
         """Return a state, (3, n), with unlimited joints next to the first point."""

@@ -15,7 +15,7 @@ from kane_dynamics.model.ball_coordinates import is_ball_part, quaternion_names
 from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.drive import Drive, friction_seen_through
 from kane_dynamics.model.inertial import Inertial, principal_moments
-from kane_dynamics.model.model import Body, Joint, Limits, Model, WORLD
+from kane_dynamics.model.model import Body, FRICTION, Joint, Limits, Model, WORLD
 import numpy as np
 
 SUFFIX = '_motor'  # of the name of a motor's joint and body
@@ -83,11 +83,9 @@ def with_rigid_joints(model: Model) -> Model:
     the motor's side stay, and its coordinate is gone. The joint's limit of effort is the
     motor's, its limit of velocity the smaller one.
 
-    Raises
-    ------
-    ModelError
-        A motor has load friction, which a joint that mimics another cannot have.
-
+    Load friction acts where the drive is, which a joint that mimics another does not have:
+    the joint has the law of a motor with load friction, and the motor has the law of the
+    link's side. The load then leaves out the friction of the link's side.
     """
     instance(model, Model, 'model')
     # Each motor moves with its link; coordinates of motors go.
@@ -95,11 +93,16 @@ def with_rigid_joints(model: Model) -> Model:
     coordinates = [k for k, name in enumerate(model.joint_names) if name not in links]
     # Bodies and beams with the coordinates that stay.
     joints = {body.joint.name: body.joint for body in model.bodies}
+    laws: dict[str, dict[str, Any]] = {}
+    for name, drive, _, _ in model.drives:
+        if _has_load_friction(joints[drive.motor]):
+            laws[name] = _law(joints[drive.motor])
+            laws[drive.motor] = _law(joints[name])
     bodies = []
     for body in model.bodies:
         joint = body.joint
         coordinate = links.get(joint.name, joint.coordinate)
-        joint = replace(joint, drive=None, coordinate=coordinates.index(coordinate),
+        joint = replace(joint, **laws.get(joint.name, {}), drive=None, coordinate=coordinates.index(coordinate),
                         limits=_limits_with_motor(joint, joints),
                         deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, joint=joint,
@@ -209,6 +212,11 @@ def _rotor_inertia(joint: Joint, drive: Drive) -> float:
 def _has_load_friction(joint: Joint) -> bool:
     """Return whether the friction of a joint depends on the torque that it transmits."""
     return bool(joint.load_friction or joint.load_friction_backdriven)
+
+
+def _law(joint: Joint) -> dict[str, Any]:
+    """Return the fields of the friction law of a joint."""
+    return {name: getattr(joint, name) for name in (*FRICTION, 'friction_speed')}
 
 
 def _motor(body: Body, drive: Drive, coordinate: int) -> Body:

@@ -277,7 +277,7 @@ class OfSameBox:
         checked = self.checked.__get__(robot)
         # The box of the call before, its numbers, and the kernel: one tuple, so that
         # threads exchange all of them at once.
-        last: tuple[Any, Array, Callable[..., Any]] = None, np.empty(0), checked
+        last: tuple[Any, Array, Callable[..., Any]] = object(), np.empty(0), checked
 
         @wraps(self.checked)
         def call(*values: Any, **named: Any) -> TorqueBounds:

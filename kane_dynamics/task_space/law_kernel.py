@@ -9,11 +9,11 @@ import math
 import re
 from typing import Any
 
-from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_following
 from kane_dynamics.control.terms import Terms
+from kane_dynamics.control.torque_limiter import lowered_efforts
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded
@@ -247,11 +247,8 @@ def checked_terms(value: Any) -> Terms:
 
 def checked_effort(robot: Robot, stated: ArrayLike | None) -> Array:
     """Return effort limits, (n,): the robot's, or smaller stated ones."""
-    effort = np.asarray(robot.limits.effort, dtype=np.float64)
-    if stated is None:
-        return effort
-    limits = per_joint(stated, 'effort_limit', robot.joint_names, finite=False)
-    return np.minimum(effort, limits)
+    stated = np.inf if stated is None else stated
+    return lowered_efforts(robot.limits.effort, stated, robot.joint_names)
 
 
 LanesOf = Callable[[Scalar], Any]

@@ -268,14 +268,18 @@ def test_states_that_came_while_the_node_was_inactive_are_not_judged(start, clie
     assert 'position jumped' not in node.log
 
 
-def test_a_mode_without_native_code_runs_on_the_interpreter_with_a_warning(
-        start, client, holding):
+def test_the_native_path_is_refused_for_a_mode_without_native_code(start):
     node = start(torque_path='native', modes='[arm_coupling]',
                  coupling__partner='/partner/coupling_state')
+    node.wait_for("parameter 'torque_path': native, with mode arm_coupling; expected "
+                  'auto or python')
+    assert 'active, mode' not in node.log
+
+
+def test_a_mode_without_native_code_runs_on_the_interpreter(start, client, holding):
+    node = start(modes='[arm_coupling]', coupling__partner='/partner/coupling_state')
     node.wait_for('active, mode')
     client.connect()
-    assert ('torque_path: native, but mode arm_coupling; the interpreter computes the '
-            'commands' in (node.log))
     np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)
 
 

@@ -271,6 +271,13 @@ def test_boxes_of_other_robots_are_refused():
                            Uncertainty.of(bare.model, payload_mass=1.0))
 
 
+def test_an_uncertainty_that_is_missing_is_named():
+    robot = Robot(random_model(3, 2))
+    for _ in range(2):
+        with pytest.raises(InputError, match='uncertainty: a NoneType; expected a Unc'):
+            robot.torque_bounds(np.zeros(2), np.zeros(2), np.zeros(2), None)
+
+
 @pytest.mark.parametrize('loaded', [True, False])
 # Of the last, no load moves the drive.
 @pytest.mark.parametrize('backdriven', [0.05, 0.4, 1.3])

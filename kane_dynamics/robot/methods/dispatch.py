@@ -20,6 +20,10 @@ from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np
 
 Method = TypeVar('Method', bound=Callable[..., Any])
+# What a robot may lack: accelerations do not follow from torques where a joint moves no mass
+# or a drive is self-locking, and a robot without mass has no center of it.
+LACKING = {'forward_dynamics', 'inverse_mass_matrix', 'forward_dynamics_derivatives',
+           'constraint_forces', 'center_of_mass', 'center_of_mass_jacobian'}
 
 
 class _Compiled:
@@ -250,20 +254,18 @@ class Dispatch:
         ------
         InputError
             An unknown kernel; the message lists the valid names.
+        ModelError, InputError
+            The robot does not have a quantity of `names`, such as forward dynamics where a
+            joint moves no mass or a drive is self-locking. Without `names`, that quantity
+            is left out.
 
         """
-        # No forward dynamics with massless joints: calls raise. Nor with self-locking
-        # drives, which is an error if it is asked for by name.
-        refused: tuple[type[Exception], ...] = (ModelError,)
-        if not names:
-            refused = (ModelError, InputError)
-            names = self.kernels.names
-        run_concurrently([partial(self._compile, name, batches, refused)
-                          for name in names])
+        run_concurrently([partial(self._compile, name, batches, name in names)
+                          for name in names or self.kernels.names])
 
-    def _compile(self, name: str, batches: bool,
-                 refused: tuple[type[Exception], ...]) -> None:
-        with suppress(*refused):
+    def _compile(self, name: str, batches: bool, is_named: bool) -> None:
+        may_lack = name in LACKING and not is_named
+        with suppress(*((ModelError, InputError) if may_lack else ())):
             kernel = self.kernels.quantity(name)
             kernel.compile_entry()
             if batches:

@@ -187,6 +187,8 @@ class ConfiguredRobot:
         if not self.fault:
             loops = closed_loop_reader(controller, values)
         self._needs_interpreter = self._reason_for_interpreter(controller, loops)
+        if self._needs_interpreter and not self.fault:
+            self._refuse_native(self._needs_interpreter)
         self._compile_first(controller)
         # Each of the three threads has its own robots, whose kernels are shared.
         self._for_requests = shared_copy(self.robot)
@@ -378,8 +380,8 @@ class ConfiguredRobot:
                    arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
         """Open the torque path and its subscription, as parameter torque_path says."""
         node = self._node
-        # The native path where asked for and possible; otherwise the interpreter's, with
-        # the reason.
+        # The native path where possible; otherwise the interpreter's, with the reason, unless
+        # the native one is asked for.
         reason = self._needs_interpreter
         if not reason:
             try:
@@ -389,17 +391,21 @@ class ConfiguredRobot:
                 return opened_path
             except UnsupportedError as error:
                 reason = str(error)
+                self._refuse_native(reason)
                 run_concurrently([self.modes.compile, controller.compile])
         self.torque_path = f'python ({reason})'
-        if self.values['torque_path'] == 'native':
-            node.get_logger().warning(f'torque_path: native, but {reason}; the '
-                                      'interpreter computes the commands')
         path = TorquePath(controller, self._commands, torques, *arguments)
         states = node.create_subscription(
             JointState, 'joint_states', with_info(self._on_state),
             overridable(BEST_EFFORT), raw=True, qos_overriding_options=OVERRIDES)
         opened.callback(node.destroy_subscription, states)
         return path, states
+
+    def _refuse_native(self, reason: str) -> None:
+        """Raise InputError if the native torque path is asked for, which is not possible."""
+        if self.values['torque_path'] == 'native':
+            raise InputError(f"parameter 'torque_path': native, with {reason}; expected auto "
+                             'or python, because the interpreter has to compute the commands')
 
     def _reason_for_interpreter(self, controller: Controller,
                                 loops: ClosedLoopReader | None) -> str:

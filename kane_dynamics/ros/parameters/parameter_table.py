@@ -347,9 +347,8 @@ SPECS = (
          'rate of ~/task_state in the modes joint_impedance, cartesian_impedance, '
          'hand_guiding and arm_coupling, 1/s; 0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
-         'effort limit, N m or N, in addition to that of the '
-         'URDF; the smaller one applies; empty: only that of the URDF', positive=True,
-         infinite=True, low=0.0),
+         'effort limit, N m or N, at most that of the URDF; one number lowers the larger '
+         'limits; empty: only that of the URDF', positive=True, infinite=True, low=0.0),
     live('limits.velocity', 'per_joint', [],
          'speed limit, rad/s or m/s, in addition to that of '
          'the URDF; the smaller one applies to checks of joint states and motions, '
@@ -361,7 +360,7 @@ SPECS = (
          positive=True, infinite=True, low=0.0),
     Spec('torque_path', 'text', 'auto', 'what computes the commands: python, the '
          'interpreter; native, a thread that never waits for it (expected: what '
-         'docs/node.md lists, else a warning and python); auto, native where it can',
+         'docs/node.md lists); auto, native where that is possible, else python',
          choices=('python', 'native', 'auto')),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
          'control_msgs/JointCommand on topic stamped_commands, with joint names and the '

@@ -189,12 +189,35 @@ def test_computed_torque_closes_the_loop_on_its_own_plant():
 
 
 def test_torque_is_clamped_to_the_tighter_of_two_limits_and_is_flagged():
-    control = Controller(ClosedForm(effort=(1.0, 100.0)), effort_limit=[50.0, 2.0])
+    control = Controller(ClosedForm(effort=(1.0, 100.0)), effort_limit=[np.inf, 2.0])
     np.testing.assert_array_equal(control.effort_limit, [1.0, 2.0])
     command = control.command(0.0, np.array([-0.4, 0.0]), U)
     np.testing.assert_array_equal(command.tau, [1.0, -2.0])
     np.testing.assert_array_equal(command.clamped, [True, True])
     assert command.limited and not command.rate_limited.any()
+
+
+@pytest.mark.parametrize('limit, words', [
+    ([0.5, 200.0], "effort_limit: 200 of joint 'slide'; expected at most 100"),
+    ([2.0, 50.0], "effort_limit: 2 of joint 'lift'; expected at most 1,"),
+    (200.0, "'slide'; expected at most 100, the limit of the robot, or inf")])
+def test_an_effort_limit_above_that_of_the_robot_is_refused(limit, words):
+    robot = ClosedForm(effort=(1.0, 100.0))
+    control = Controller(robot, effort_limit=50.0)  # one number lowers the larger limits
+    np.testing.assert_array_equal(control.effort_limit, [1.0, 50.0])
+    with pytest.raises(InputError, match=words):
+        control.update(effort_limit=limit)
+    np.testing.assert_array_equal(control.effort_limit, [1.0, 50.0])
+
+
+def test_efforts_are_within_the_present_limits_of_the_robot():
+    robot = ClosedForm(effort=(50.0, 50.0))
+    control = Controller(robot, mode='gravity_compensation', effort_limit=1.0)
+    control.command(0.0, Q)
+    for effort, expected in ((0.3, 0.3), (50.0, 1.0)):
+        robot.limits = ClosedForm(effort=(effort, effort)).limits
+        np.testing.assert_array_equal(control.effort_limit, [expected] * 2)
+        assert np.abs(control.command(0.1, Q).tau).max() == expected
 
 
 def test_torque_changes_no_faster_than_the_rate_limit_and_is_flagged():

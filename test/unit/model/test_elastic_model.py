@@ -11,6 +11,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import (spring_deflection, spring_energy,
                                                     spring_slope, spring_torque)
+from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.model import Body
 from mechanisms import with_joints
 import numpy as np
@@ -266,6 +267,35 @@ def test_configurations_that_are_searched_do_not_deflect_the_springs():
     assert solution.converged
     for q in (start, solution.q, *robot.random_configuration(1, 5)):
         np.testing.assert_array_equal(q[:n], q[n:])
+
+
+@pytest.mark.parametrize('link_side', [{}, {'friction': 0.8, 'damping': 0.3}])
+def test_load_friction_of_a_drive_stays_where_the_joint_becomes_rigid(link_side):
+    law = {'friction': 1.5, 'damping': 0.2, 'load_friction': 0.2,
+           'load_friction_backdriven': 0.3}
+    model = with_joints(arm().model(), **link_side)
+    stiff = Robot(with_drives(model, {'a': Drive(1e9, rotor_inertia=0.4, friction=law)}))
+    rigid = Robot(with_rigid_joints(stiff.model))
+    q, u, udot = np.random.default_rng(2).normal(size=(3, rigid.n))
+    tau = rigid.inverse_dynamics(q, u, udot)
+    np.testing.assert_allclose(rigid.forward_dynamics(q, u, tau), udot, atol=1e-10)
+
+    # The motor of a stiff gear has the link's motion, and its spring the link's torque.
+    link = rigid.joint_names.index('a')
+    plain = Robot(with_rigid_joints(stiff.model), friction=False)
+    load = plain.inverse_dynamics(q, u, udot)[link]
+    motor_side, link_side = [Joint('joint', 'revolute', (0, 0, 1), **side)
+                             for side in (law, link_side)]
+    expected = (load + friction_torque(motor_side, u[link], load)
+                + friction_torque(link_side, u[link]))
+    assert tau[link] == pytest.approx(expected, rel=1e-12)
+    if not link_side.friction:
+        gear = plain.inverse_dynamics(q, u, udot)[link] - 0.4 * udot[link]
+        place = stiff.joint_names.index('a_motor')
+        full = [np.append(x, x[link]) for x in (q, u, udot)]
+        full[0][place] += gear / 1e9
+        motor = stiff.inverse_dynamics(*full)
+        assert motor[place] == pytest.approx(tau[link], rel=1e-6)
 
 
 def test_a_dead_zone_has_no_inverse():

@@ -217,6 +217,24 @@ def test_a_mechanism_of_one_joint_and_one_of_thirty_compile():
         assert robot.verify(1) < 1e-11
 
 
+def test_compile_leaves_out_what_a_robot_lacks_unless_it_is_asked_for(monkeypatch):
+    b = ModelBuilder('massless tip')
+    b.body('link', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('tip', 'link', axis=(0, 1, 0), at=(1, 0, 0))
+    robot = Robot(b.model())
+    robot.compile()
+    for name in ('forward_dynamics', 'inverse_mass_matrix'):
+        with pytest.raises(ModelError, match="joint 'tip' moves no mass"):
+            robot.compile(name)
+
+    # Any other error is one of this call, not of a later one.
+    def fails(self, name):
+        raise InputError(f'{name}: broken')
+    monkeypatch.setattr(type(robot.kernels), 'quantity', fails)
+    with pytest.raises(InputError, match='broken'):
+        robot.compile()
+
+
 def test_limits_stand_in_the_order_of_the_coordinates():
     model = random_model(2, 4)
     limits = Robot(model).limits
