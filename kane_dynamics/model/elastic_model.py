@@ -102,7 +102,8 @@ def with_rigid_joints(model: Model) -> Model:
     for body in model.bodies:
         joint = body.joint
         coordinate = links.get(joint.name, joint.coordinate)
-        joint = replace(joint, **laws.get(joint.name, {}), drive=None, coordinate=coordinates.index(coordinate),
+        joint = replace(joint, **laws.get(joint.name, {}), drive=None,
+                        coordinate=coordinates.index(coordinate),
                         limits=_limits_with_motor(joint, joints),
                         deflection=renumbered(joint.deflection, coordinates.index))
         bodies.append(replace(body, joint=joint,
