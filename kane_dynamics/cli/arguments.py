@@ -221,7 +221,7 @@ def _add_efforts(sub: ArgumentParser) -> None:
 
 def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.friction_laws import LAW_NAMES
-    from kane_dynamics.identification.regression import STANDSTILL
+    from kane_dynamics.identification.recordings.recording import STANDSTILL
     _add_model(sub)
     _add_constraints(sub)
     _add_recording(sub)

@@ -26,12 +26,13 @@ from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
-                                                               require_rigid_links)
+                                                               require_rigid_links,
+                                                               STANDSTILL)
 from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
                                                      friction_speeds, LOWEST,
                                                      RegressionRows, rms, rows,
                                                      settled_speeds, stacked_rows,
-                                                     STANDSTILL, UNBOUNDED, weights)
+                                                     UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import (friction_statistics,
                                                               statistics)

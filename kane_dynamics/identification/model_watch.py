@@ -45,8 +45,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.friction_laws import moving_rms
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
-                                                               require_rigid_links)
-from kane_dynamics.identification.regression import rms, STANDSTILL
+                                                               require_rigid_links,
+                                                               STANDSTILL)
+from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import load_slope
 from kane_dynamics.model.model import Model, WORLD

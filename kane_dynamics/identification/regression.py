@@ -26,7 +26,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
-                                                               require_rigid_links)
+                                                               require_rigid_links,
+                                                               STANDSTILL)
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Joint, Model
@@ -37,7 +38,6 @@ FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
 FAR_ABOVE = 1e12  # N m or N, of coefficients of friction
 LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # lower bounds of FRICTION
 UNBOUNDED = np.full(4, -np.inf)
-STANDSTILL = 0.02  # rad/s or m/s
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
 TURNS = 10  # largest number of alternating fits of bodies and speeds
 STAYS = 0.02  # relative change of a converged speed

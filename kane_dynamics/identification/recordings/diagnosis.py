@@ -17,7 +17,8 @@ from typing import Literal, NamedTuple
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.recordings.recording import (check_recording,
+                                                               Recording, STANDSTILL)
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits,
                                                                    frozen_rows,
                                                                    idle_efforts,
@@ -27,7 +28,6 @@ from kane_dynamics.identification.recordings.signal_faults import (beyond_limits
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays,
                                                                   TorqueDelays)
-from kane_dynamics.identification.regression import STANDSTILL
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model

@@ -15,6 +15,7 @@ from kane_dynamics.model.model import Model
 import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')
+STANDSTILL = 0.02  # rad/s or m/s: a joint that is no faster is at rest
 EVEN = 0.02  # relative deviation of time steps that are regarded as equal
 LOWEST_CUTOFF = 1e-4  # of the sampling rate: filters below it are singular to rounding
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward

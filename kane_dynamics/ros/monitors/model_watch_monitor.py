@@ -10,8 +10,8 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.identification.model_watch import (FEWEST_ROWS, ModelWatch,
                                                       WatchReport)
 from kane_dynamics.identification.recordings.reader import read_recording
-from kane_dynamics.identification.recordings.recording import NAMES, Recording
-from kane_dynamics.identification.regression import STANDSTILL
+from kane_dynamics.identification.recordings.recording import (NAMES, Recording,
+                                                               STANDSTILL)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque, stated_efforts
