@@ -258,7 +258,8 @@ def test_a_mutated_wrench_acts_as_rclpy_reads_it_or_is_rejected(share):
     reasons = Counter()
     wrenches = WrenchInput(ROBOT, lambda: NOW, {
         'wrench.timeout': TIMEOUT * 1e-9, 'wrench.max_force': 100.0,
-        'wrench.max_moment': 50.0}, lambda reason, detail: reasons.update([reason]))
+        'wrench.max_moment': 50.0,
+        'wrench.rise_time': 0.0}, lambda reason, detail: reasons.update([reason]))
     q = np.array([0.3, -0.7])
     acted = 0
     for _ in range(count):

@@ -20,7 +20,7 @@ from kane_dynamics.ros.common.stamped_numbers import (MALFORMED, NOT_FINITE,
                                                       read_stamped, StampedNumbers,
                                                       time_fault)
 from kane_dynamics.ros.common.transform_tree import TransformTree
-from kane_dynamics.ros.loads.wrench_input import wrench_array
+from kane_dynamics.ros.loads.wrench_input import approached, wrench_array
 from kane_dynamics.ros.modes.cartesian_cycle import LONGEST_PERIOD
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.cartesian_target import (CartesianTarget, largest_of,
@@ -104,12 +104,14 @@ class TargetInput:
                                    values['target.max_angular_speed']], 3)
         self._accelerations = np.repeat([values['target.max_acceleration'],
                                          values['target.max_angular_acceleration']], 3)
+        self._rise = values['wrench.rise_time'] * NANO
         self._strongest = np.repeat([values['cartesian.max_force'],
                                      values['cartesian.max_moment']], 3)
 
     def clear(self) -> None:
         """Accept stamps of any time, as at the start or after a jump of the clock."""
         self._last_now = 0
+        self._pressed = np.zeros(6), False  # the last wrench, and whether it turns
         self._stamps = dict.fromkeys((POSE, TWIST, WRENCH), 0)
         self._last_pose = None
         self._reach.restart()
@@ -237,8 +239,18 @@ class TargetInput:
                                                 'cartesian.max_force and '
                                                 'cartesian.max_moment'):
             return
+        # As for ~/wrench: it begins at zero and grows with the time between messages.
+        numbers, turns = wrench
+        elapsed = message.stamp - self._stamps[WRENCH]
+        previous, turned_before = self._pressed
+        if elapsed > self._timeout or turns != turned_before:
+            elapsed, previous = 0, np.zeros(6)
+        if self._rise:
+            change = self._strongest * elapsed / self._rise
+            numbers = approached(previous, numbers, change)
+        self._pressed = numbers, turns
         self._stamps[WRENCH] = message.stamp
-        self._target.press(*wrench, self._path.now)
+        self._target.press(numbers, turns, self._path.now)
 
     def _accepted(self, topic: str, data: bytes, kind: Any, count: int,
                   numbers_of: Callable[[Any], Array]) -> StampedNumbers | None:

@@ -17,12 +17,59 @@ from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.stamped_numbers import (MALFORMED, NOT_FINITE,
                                                       read_stamped, time_fault)
 from kane_dynamics.ros.common.transform_tree import TransformTree
+from kane_dynamics.ros.parameters.parameter_checks import per_joint
 import numpy as np
 
+CONFIGURATIONS = 200  # in which the effort limits must hold the largest wrench
 STALE, FRAME, TIMED_OUT, LARGE, SHARED = (
     'stale (older than wrench.timeout)', 'frame not in wrench.frames',
     'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment',
     'two frames at one of wrench.frames')
+
+
+def largest_wrench(robot: Robot, values: Mapping[str, Any]) -> Array:
+    """
+    Return the largest accepted force, N, and moment, N m, of ~/wrench, (2,).
+
+    A parameter of 0 stands for what the effort limits hold at each declared frame, in the
+    worst direction and `CONFIGURATIONS` random configurations: a joint whose torque by a
+    unit force is at most c and whose effort limit is e holds the force e / c.
+
+    Raises
+    ------
+    InputError
+        The effort limits do not bound a wrench whose parameter is 0.
+
+    """
+    stated = np.array([values['wrench.max_force'], values['wrench.max_moment']])
+    frames = [frame.name for frame in robot.equations.wrench_frames]
+    if stated.all() or not frames:
+        return stated
+    joints = robot.joint_names
+    effort = np.minimum(robot.limits.effort,
+                        per_joint(values, 'limits.effort', joints, np.inf))
+    q = robot.random_configuration(0, CONFIGURATIONS)
+    held = np.full(2, np.inf)
+    for row in range(len(frames)):
+        # Torques of unit forces and moments along the axes: (6, configurations, n_q).
+        torques = []
+        for component in range(6):
+            wrench = np.zeros((len(q), len(frames), 6))
+            wrench[:, row, component] = 1.0
+            torques.append(robot.joint_torques(robot.external_force(q, wrench=wrench), q))
+        sizes = np.linalg.norm(np.reshape(torques, (2, 3, len(q), -1)), axis=1).max(axis=1)
+        with np.errstate(divide='ignore'):
+            held = np.minimum(held, np.min(effort / sizes, axis=1))
+    for name, value, limit in zip(('max_force', 'max_moment'), stated, held):
+        if not value and not np.isfinite(limit):
+            raise InputError(f"parameter 'wrench.{name}': 0, and no effort limit bounds it; "
+                             'expected a number, or limits.effort')
+    return np.where(stated > 0.0, stated, held)
+
+
+def approached(previous: Array, wrench: Array, change: Array) -> Array:
+    """Return the wrench nearest to one, (6,), within a change, (6,), of the previous one."""
+    return np.asarray(previous + np.clip(wrench - previous, -change, change))
 
 
 def check_frames(model: Model, frames: Sequence[str],
@@ -152,8 +199,9 @@ class WrenchInput:
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next message on."""
         self.timeout = round(values['wrench.timeout'] * NANO)
-        self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']],
-                               3)
+        self._most = np.repeat(largest_wrench(self._robot, values), 3)
+        rise = values['wrench.rise_time'] * NANO
+        self._rate = self._most / rise if rise else np.full(6, np.inf)  # per ns
 
     def clear(self) -> None:
         """Remove the wrenches of all frames, and reset the stamps."""
@@ -197,6 +245,14 @@ class WrenchInput:
             return
         self._sources[row] = frame
         self._stamps[row] = stamp
+        # A wrench begins at zero and grows with the time between messages, so that no
+        # single message moves the arm.
+        since, previous = self.latest.get(row, (stamp, np.zeros(6)))
+        elapsed = stamp - since
+        if elapsed > self.timeout:
+            elapsed, previous = 0, np.zeros(6)
+        if np.isfinite(self._rate).all():
+            wrench = approached(previous, wrench, self._rate * elapsed)
         self.latest[row] = stamp, wrench
         self.changed()
 

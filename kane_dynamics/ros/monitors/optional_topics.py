@@ -12,7 +12,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
 from kane_dynamics.ros.common.transform_tree import TransformTree
-from kane_dynamics.ros.loads.wrench_input import check_frames, WrenchInput
+from kane_dynamics.ros.loads.wrench_input import (check_frames, largest_wrench,
+                                                  WrenchInput)
 from kane_dynamics.ros.monitors.applied_torque import stated_efforts
 from kane_dynamics.ros.monitors.attached_objects import check_attached_objects
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
@@ -71,6 +72,7 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     if values['coupling.partner']:
         _check_topic('coupling.partner', values['coupling.partner'])
     check_frames(robot.model, values['wrench.frames'])
+    largest_wrench(robot, values)
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')
     if values['observer.enabled']:

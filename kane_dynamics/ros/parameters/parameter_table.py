@@ -184,10 +184,15 @@ SPECS = (
     live('wrench.timeout', 'number', 0.1,
          'age, s, above which a wrench is stale and its frame '
          'unloaded', positive=True, low=0.0, high=3600.0),
-    live('wrench.max_force', 'number', 1000.0,
-         'largest accepted component of a force, N', positive=True, low=0.0),
-    live('wrench.max_moment', 'number', 300.0,
-         'largest accepted component of a moment, N m', positive=True, low=0.0),
+    live('wrench.max_force', 'number', 0.0,
+         'largest accepted component of a force, N; 0: the force that the effort limits '
+         'hold in every configuration', low=0.0),
+    live('wrench.max_moment', 'number', 0.0,
+         'largest accepted component of a moment, N m; 0: the moment that the effort limits '
+         'hold in every configuration', low=0.0),
+    live('wrench.rise_time', 'number', 0.5,
+         'shortest time, s, in which the wrench of ~/wrench or ~/target_wrench grows from '
+         'zero to the largest accepted one; 0: at once', low=0.0, high=60.0),
     Spec('tf.enabled', 'flag', False,
          'find frames of wrenches, targets and the IMU that the URDF lacks by the transforms '
          'of /tf and /tf_static; needs the package tf2_msgs'),

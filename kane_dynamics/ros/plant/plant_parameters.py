@@ -72,7 +72,10 @@ SPECS = (
          'time for which a wrench acts unless another one '
          "follows at its frame, s of the plant's time", positive=True, low=0.0,
          high=3600.0),
-    *_shared('wrench.max_force', 'wrench.max_moment'),
+    live('wrench.max_force', 'number', 1000.0,
+         'largest accepted component of a force, N', positive=True, low=0.0),
+    live('wrench.max_moment', 'number', 300.0,
+         'largest accepted component of a moment, N m', positive=True, low=0.0),
     live('noise.position', 'per_joint', 0.0,
          'noise of published positions, standard deviation, '
          'rad or m', low=0.0),

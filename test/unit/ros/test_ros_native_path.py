@@ -253,7 +253,8 @@ def test_both_paths_command_an_arm_on_a_base_without_motors_alike(base, mode):
                                   'gravity_compensation', 'hand_guiding'])
 def test_measured_wrenches_act_on_both_paths_as_long_as_they_are_in_time(mode):
     pair = Pair(mode, 5, {'wrench.frames': [body.name for body in MODEL.bodies],
-                          'wrench.timeout': 0.05, 'modes': []})
+                          'wrench.timeout': 0.05, 'wrench.rise_time': 0.0,
+                          'modes': []})
     for step in range(200):
         if step % 10 < 3:
             pair.do_wrench('wrench')

@@ -290,7 +290,7 @@ def test_a_target_twist_moves_the_frame_until_it_is_stale():
 
 
 def test_a_target_wrench_is_exerted_and_ends_when_it_is_stale():
-    rig = Rig(target__timeout=0.3)
+    rig = Rig(target__timeout=0.3, wrench__rise_time=0.0)
     rig.run(0.3)
     message = WrenchStamped()
     message.wrench.force.x = 12.0
@@ -305,6 +305,23 @@ def test_a_target_wrench_is_exerted_and_ends_when_it_is_stale():
     rig.push = np.zeros(2)
     rig.run(2.0)
     assert rig.error(START) < 1e-3 and not rig.refused
+
+
+def test_a_target_wrench_grows_with_the_time_between_its_messages():
+    rig = Rig(target__timeout=0.3)
+    rig.run(0.3)
+    message = WrenchStamped()
+    message.wrench.force.x = 60.0  # cartesian.max_force
+    without = rig.taus[-1]
+    rig.targets.on_wrench(serialize_message(message))
+    np.testing.assert_allclose(rig.state(), without, atol=1e-3)
+    began = rig.now
+    rig.run(0.1)
+    elapsed = (rig.now - began) / NANO
+    without = rig.taus[-1]
+    rig.targets.on_wrench(serialize_message(message))
+    expected = rig.robot.jacobian(FRAME, rig.q).T @ [120.0 * elapsed, 0, 0, 0, 0, 0]
+    np.testing.assert_allclose(rig.state() - without, expected, atol=0.2)
 
 
 @pytest.mark.parametrize('first', ALL_MODES)

@@ -507,7 +507,8 @@ def test_a_wrench_does_not_outlive_deactivation():
     rig.path.wrenches = WrenchInput(Robot(load_urdf(URDF), wrench_frames=('tip',)),
                                     lambda: rig.time, {'wrench.timeout': 60.0,
                                                        'wrench.max_force': 100.0,
-                                                       'wrench.max_moment': 10.0}, print)
+                                                       'wrench.max_moment': 10.0,
+                                                       'wrench.rise_time': 0.0}, print)
     push = WrenchStamped()
     push.header.frame_id = 'tip'
     push.wrench.force.x = 50.0

@@ -1,5 +1,6 @@
 """Wrench input (sign, axes, rejected messages), contact monitor and torque breakdown."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -18,7 +19,7 @@ from kane_dynamics.ros.common.stamped_numbers import (  # noqa: E402
 from kane_dynamics.ros.loads import wrench_input  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import (  # noqa: E402
-    FRAME, LARGE, STALE, TIMED_OUT, WrenchInput)
+    FRAME, LARGE, largest_wrench, STALE, TIMED_OUT, WrenchInput)
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
@@ -65,10 +66,11 @@ class Rig:
     """A torque path with wrench input, contact monitor and a manual clock."""
 
     def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), efforts=None,
-                 **changes):
+                 rise=0.0, **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
         self.values = node_values(UNCHECKED)
-        self.values |= {'arm_compensates': arm_compensates} | {
+        self.values |= {'arm_compensates': arm_compensates, 'wrench.rise_time': rise,
+                        'wrench.max_force': 1000.0, 'wrench.max_moment': 300.0} | {
             f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
             for name, value in changes.items()} | {
             f'efforts.{name}': read(BY_NAME[f'efforts.{name}'], value)
@@ -135,6 +137,48 @@ def test_gravity_compensation_does_not_compensate_wrenches():
     gravity = rig.state()
     rig.wrench(PUSH)
     np.testing.assert_array_equal(rig.state(), gravity)
+
+
+def test_a_single_wrench_moves_nothing_and_a_false_one_little():
+    rig = Rig(rise=0.5)
+    gravity = rig.state()
+    rig.wrench([1000.0, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(rig.state(), gravity)
+    # 1000 N in 0.5 s: 10 ms later at most 20 N.
+    rig.wrench([900.0, 0, 0, 0, 0, 0])
+    expected = gravity - load(np.array([20.0, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(rig.state(), expected, rtol=1e-12)
+    # After a timeout it begins again.
+    rig.state(after=0.2)
+    rig.wrench([900.0, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(rig.state(), gravity)
+
+
+@pytest.mark.parametrize('name', ['two_link', 'fr3', 'ur10e'])
+def test_the_effort_limits_hold_the_largest_wrench_by_default(name):
+    model = load_urdf(resource_path('urdf', f'{name}.urdf'))
+    tip = model.bodies[-1].name
+    robot = Robot(model, wrench_frames=(tip,))
+    values = node_values(UNCHECKED)
+    force, moment = largest_wrench(robot, values)
+    # Independently: the Jacobian of Robot, at other configurations.
+    J = robot.jacobian(tip, robot.random_configuration(1, 2000))
+    for rows, largest in ((slice(0, 3), force), (slice(3, 6), moment)):
+        per_unit = np.linalg.norm(J[:, rows], axis=1).max(axis=0)
+        with np.errstate(divide='ignore'):
+            held = (robot.limits.effort / per_unit).min()
+        assert 0.95 * held <= largest <= 1.1 * held
+    halved = largest_wrench(robot, values | {'limits.effort': 0.5 * robot.limits.effort})
+    np.testing.assert_allclose(halved, [0.5 * force, 0.5 * moment])
+    stated = largest_wrench(robot, values | {'wrench.max_force': 7.0})
+    np.testing.assert_allclose(stated, [7.0, moment])
+
+
+def test_wrenches_need_a_bound_where_efforts_have_none():
+    free = ROBOT.copy()
+    free.limits = replace(ROBOT.limits, effort=np.full(2, np.inf))
+    with pytest.raises(InputError, match=r"'wrench.max_force': 0, and no effort limit"):
+        largest_wrench(free, node_values(UNCHECKED))
 
 
 def test_a_timeout_unloads_its_frame_only():
