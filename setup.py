@@ -59,7 +59,8 @@ setup(
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
-    package_data={'kane_dynamics': ['py.typed', 'analysis/*.yaml']},
+    package_data={'kane_dynamics': ['py.typed', 'analysis/*.yaml',
+                                    'native/runtime/message_loop.*']},
     python_requires='>=3.11',
     classifiers=['Intended Audience :: Science/Research',
                  *[f'Programming Language :: Python :: 3.{minor}'

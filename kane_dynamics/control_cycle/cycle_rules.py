@@ -53,6 +53,8 @@ class PathState(NamedTuple):
     """
     The memory of the path from one cycle to the next, with the result of a cycle.
 
+    `message_loop.c` reads the numbers up to `drops`.
+
     Attributes
     ----------
     reason : Scalar
@@ -67,6 +69,8 @@ class PathState(NamedTuple):
         Whether the state that waits for torque_guard is answered next.
     searching : Scalar
         Whether the search for a configuration of closed loops needs another call.
+    drops, dropped_by : Scalar
+        How often the path dropped the desired motion, and why the last time.
     commanded_at : Scalar
         Steady time of the last command; 0: none yet.
     last_now, last_heard, last_stamp : Scalar
@@ -84,8 +88,6 @@ class PathState(NamedTuple):
         Whether and since when states are refused; whether for longer than the grace.
     timed_out, commanding : Scalar
         As attributes of `TorquePath`.
-    drops, dropped_by : Scalar
-        How often the path dropped the desired motion, and why the last time.
     clock_jumps : Scalar
         How many of the drops were jumps of the clock: another one may follow at once.
     limit_known, limit_stamp : Scalar
@@ -131,6 +133,8 @@ class PathState(NamedTuple):
     request: Scalar
     retries: Scalar
     searching: Scalar
+    drops: Scalar
+    dropped_by: Scalar
     commanded_at: Scalar
     last_now: Scalar
     last_heard: Scalar
@@ -144,8 +148,6 @@ class PathState(NamedTuple):
     fault: Scalar
     timed_out: Scalar
     commanding: Scalar
-    drops: Scalar
-    dropped_by: Scalar
     clock_jumps: Scalar
     limit_known: Scalar
     limit_stamp: Scalar

@@ -237,6 +237,40 @@ def test_an_observer_that_fails_is_reported_and_torques_go_on(node, client, hold
     assert 'Faulty: ValueError: this observer fails' in node.log
 
 
+@pytest.mark.parametrize('guarded', [False, True])
+@pytest.mark.parametrize('host', ['native', 'python'])
+def test_after_a_refused_command_the_arm_is_free_or_held_by_its_guard(
+        start, client, host, guarded):
+    action = 'hold' if guarded else 'zero'
+    node = start(program=[DELAYED, '--ros-args'], torque_path=host, state_timeout=5.0,
+                 activation='at_once', arm_compensates='none', limits__rate='.inf',
+                 state_check__speed_factor='.inf', state_check__position_margin='.inf',
+                 state_check__action=action, guard__enabled=guarded)
+    if guarded:
+        guard = start(module='kane_dynamics.ros.guard.main')
+        guard.wait_for('watching kane_dynamics')
+    client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
+    try:
+        node.wait_for('active, mode')
+        client.connect()
+        assert wait_until(lambda: client.delay.get_subscription_count() == 1)
+        send_for(client, 0.2)
+        assert wait_until(lambda: client.commands and any(client.commands[-1]), 1.0)
+        delay(client, node, 'refuse 0')
+        send_for(client, 0.2)
+        node.wait_for('callback failed: RuntimeError: ', 5.0)
+        if guarded:
+            assert client.state() == 'active'
+            assert wait_until(lambda: send_for(client, 0.1)
+                              and "commanding 'hold'" in guard.log, 5.0)
+            assert any(client.commands[-1])
+        else:
+            assert wait_until(lambda: client.state() == 'inactive', 5.0)
+            assert wait_until(lambda: not any(client.commands[-1]), 1.0)
+    finally:
+        client.destroy_publisher(client.delay)
+
+
 def test_the_node_ends_while_the_native_thread_works(node, client):
     send_for(client, 0.2)
     code, seconds = node.end()

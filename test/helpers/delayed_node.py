@@ -8,8 +8,11 @@ import time
 
 from kane_dynamics.ros.dynamics_node import node
 from kane_dynamics.ros.dynamics_node.main import main
+from kane_dynamics.ros.torque_path.native_loop import function_address
+from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from std_msgs.msg import String
 
+PUBLISH = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 GARBAGE = 3_000_000  # lists in cycles, which take the collector seconds
 
 
@@ -47,6 +50,22 @@ class DelayedNode(node.DynamicsNode):
             time.sleep(float(seconds))
         elif kind == 'observer':
             self.arm.path.add_observer(Faulty(), need_effort=False)
+        elif kind == 'refuse':
+            refuse_commands(self.arm.path)
+
+
+def refuse_commands(path):
+    """Refuse the next command of a torque path, as the middleware can."""
+    if isinstance(path, NativeTorquePath):
+        path.refuses = PUBLISH(lambda publisher, message, allocation: 1)
+        path.native.set_fields(publish=function_address(path.refuses))
+        return
+    publish = path.messages.publish
+
+    def refused(*arguments):
+        path.messages.publish = publish
+        raise RuntimeError('refused')
+    path.messages.publish = refused
 
 
 class Faulty:

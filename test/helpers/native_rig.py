@@ -13,6 +13,7 @@ from unittest.mock import patch
 
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.native_loop import function_address
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from node_values import node_values
@@ -51,13 +52,17 @@ def native_path(controller, commands, torques, now, *arguments, stamped=None, **
 
     def publish(publisher, message, allocation):
         to, prepared = path.outputs[publisher]
-        to.publish(prepared.serialized())
+        try:
+            to.publish(prepared.serialized())
+        except RuntimeError:
+            return 1
         return 0
     callbacks = SimpleNamespace(clock=CLOCK(clock), publish=PUBLISH(publish),
                                 steady=STEADY(steady))
     path.callbacks = callbacks  # alive as long as the path
-    loop.set_words(CLOCK=address(callbacks.clock), CLOCK_HANDLE=0,
-                   PUBLISH=address(callbacks.publish), STEADY=address(callbacks.steady))
+    loop.set_fields(clock=function_address(callbacks.clock), clock_handle=0,
+                    publish=function_address(callbacks.publish),
+                    steady=function_address(callbacks.steady))
     return path
 
 
@@ -65,11 +70,7 @@ def guarded(path, link):
     """Let a native path follow the rules of a link to torque_guard."""
     path.outputs[REQUESTS] = link.requests, path.native.request
     path.use_guard(link)
-    path.native.set_words(REQUEST_TO=REQUESTS)
-
-
-def address(function):
-    return ctypes.cast(function, ctypes.c_void_p).value
+    path.native.ask(REQUESTS)
 
 
 class Sink:

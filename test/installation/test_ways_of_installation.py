@@ -25,6 +25,8 @@ fall = simulate(robot, q, u, 0.1)
 assert np.isfinite(fall.q).all()
 from kane_dynamics.analysis.known_arms import arms_named
 assert arms_named('ur10e', ())
+from kane_dynamics.native.runtime.message_loop import message_loop
+assert message_loop().address('run')
 print('computed')
 """
 pytestmark = [pytest.mark.timeout(600),

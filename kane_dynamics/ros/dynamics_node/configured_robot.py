@@ -325,8 +325,7 @@ class ConfiguredRobot:
                                    len(self.path.messages.joints), self._digest)
             self.path.use_guard(self.guard)
             if isinstance(self.path, NativeTorquePath):
-                requests = handle_address(self.guard.requests)
-                self.path.native.set_words(REQUEST_TO=requests)
+                self.path.native.ask(handle_address(self.guard.requests))
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
         # Gravity of a mobile base comes from its IMU.
@@ -572,7 +571,7 @@ class ConfiguredRobot:
         over.
         """
         path = self.path
-        if not self._answers:
+        if path.refused or not self._answers:
             path.ended = reason
             path.running = self.guard is None or bool(self.guard.warning)
             return not path.running

@@ -20,6 +20,9 @@ from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.message_loop import (Block, Event, INFORMATION_SIZE,
+                                                       Layout, MotionTable, Output, Plan,
+                                                       Rule, Slot)
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
@@ -35,15 +38,11 @@ from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 from numpy.typing import NDArray
 
-Words = NDArray[np.int64]
 SLOTS = 1024  # cycles that Python may lag behind
 LARGEST = 8192  # bytes of a message
 NAME = 'torque_path'  # of the thread
-INFO_SIZE = 256  # bytes, more than a message info has
-INPUTS_AT_MOST = 3  # subscriptions: of states, of torque_guard, of /clock
-DROPS = PathState._fields.index('drops')
-OF_ROBOT = ('REFUSE', 'HOLD')  # programs with its dynamics, beside answers
-OF_GUARD = ('PERMIT', 'CONFIRM', 'HEAR')  # only with torque_guard
+OF_ROBOT = ('refuse', 'hold')  # programs with its dynamics, beside answers
+OF_GUARD = ('permit', 'confirm', 'hear')  # only with torque_guard
 
 
 class CycleKernels:
@@ -116,34 +115,34 @@ class CycleKernels:
         for mode, law in laws.items():
             # A law of another frame or other axes must not be found in the cache.
             self.answers[mode] = self._kernel(
-                'ANSWER', partial(cycle_rules.answer, robot, law, loops=loops),
+                'answer', partial(cycle_rules.answer, robot, law, loops=loops),
                 identifier(f'_{mode}', *law.variant))
         if loops is not None:
             self._make_of_loops(loops, laws)
 
     def _make_rules(self, turning: Flags, stop: StopRules) -> None:
         """Make the rules of every arm; some of its joints turn without limits."""
-        self.by_name['JUDGE'] = self._kernel(
-            'JUDGE', partial(cycle_rules.judge, turning=turning),
+        self.by_name['judge'] = self._kernel(
+            'judge', partial(cycle_rules.judge, turning=turning),
             '_' + ''.join(map(str, turning.astype(int))))
-        self._make('ELAPSE', cycle_rules.elapse)
-        self._make('PERMIT', cycle_rules.permit)
-        self._make('CONFIRM', cycle_rules.confirm)
-        self._make('HEAR', cycle_rules.hear)
-        self._make('REFUSE', partial(cycle_rules.refuse, stop))
+        self._make('elapse', cycle_rules.elapse)
+        self._make('permit', cycle_rules.permit)
+        self._make('confirm', cycle_rules.confirm)
+        self._make('hear', cycle_rules.hear)
+        self._make('refuse', partial(cycle_rules.refuse, stop))
 
     def _make_of_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
         """Make what arms with closed loops need in addition."""
         # Closing the loops takes several cycles of the search: at a state, and along a
         # motion.
-        self._make('CLOSE', loops.close)
-        self._make('CLOSING', loops.go_on_closing)
-        self._make('AIMING', loops.go_on_aiming)
-        self._make('HOLD', loops.hold)
+        self._make('close', loops.close)
+        self._make('closing', loops.go_on_closing)
+        self._make('aiming', loops.go_on_aiming)
+        self._make('hold', loops.hold)
         for mode, law in laws.items():
             if law.closes:
                 aim = partial(loops.aim, law=law)
-                self.aims[mode] = self._kernel('AIM', aim, f'_{mode}')
+                self.aims[mode] = self._kernel('aim', aim, f'_{mode}')
 
     def compile(self, modes: Collection[Mode], with_guard: bool) -> None:  # noqa: A003
         """Compile the commands of some modes, and the rules, on all processors."""
@@ -204,25 +203,22 @@ class CyclePlan:
         number, message = replay
         data = np.frombuffer(message, dtype=np.uint8).copy()
         at_rest = np.zeros((6, 3 * shape.n))
-        # The words of the plan, by name: numbers and addresses that the native loop
-        # reads.
-        layout_words = [self._layout(layout) for layout in layouts]
-        words = {'PERIOD': period,
-                 'LAYOUTS': self._words(layout_words), 'LAYOUT_COUNT': len(layouts),
-                 'REPLAY': number, 'REPLAY_DATA': self._at(data),
-                 'REPLAY_LENGTH': len(message),
-                 'MOTION': self._motion(motions[0]), 'NEXT_MOTION': self._motion(motions[1]),
-                 'REST': self._at(at_rest)}
+        known = (Layout * len(layouts))(*map(self._layout, layouts))
+        current, following = motions
+        plan = Plan(period=period, layouts=self._kept_at(known), layout_count=len(layouts),
+                    replay=number, replay_data=self._at(data), replay_length=len(message),
+                    motion=self._motion(current), next_motion=self._motion(following),
+                    rest=self._at(at_rest))
         called = dict(kernels.by_name)
-        called['ANSWER'] = kernels.answers[mode]
+        called['answer'] = kernels.answers[mode]
         if mode in kernels.aims:
-            called['AIM'] = kernels.aims[mode]
+            called['aim'] = kernels.aims[mode]
         # Kernels of the guard are called only where there is one.
         if longest is None:
             for name in OF_GUARD:
                 del called[name]
         else:
-            words['LONGEST'] = longest
+            plan.longest = longest
 
         # A kernel is called with a table of the addresses of its arguments and result.
         arrays = {'path': loop.path, 'event': loop.event, 'state': loop.state,
@@ -230,21 +226,22 @@ class CyclePlan:
         for name, kernel in called.items():
             addresses = [self._at(arrays[key]) for key in kernels.inputs[name]]
             addresses += [self._at(block), self._at(loop.result)]
-            words[name] = kernel.address
-            words[f'{name}_TABLE'] = self._words(addresses)
-        self.address = self._words([words.get(name, 0) for name in message_loop.PLAN])
-
-    def _words(self, numbers: Sequence[Any]) -> int:
-        """Keep numbers as words of 64 bits and return their address."""
-        return self._at(np.array(numbers, dtype=np.int64))
+            table = self._at(np.array(addresses, dtype=np.int64))
+            setattr(plan, name, Rule(kernel.address, table))
+        self.address = self._kept_at(plan)
 
     def _at(self, array: NDArray[Any]) -> int:
         """Keep an array and return its address."""
         self._kept.append(array)
         return int(array.ctypes.data)
 
-    def _layout(self, layout: JointStateLayout) -> list[int]:
-        """Return the words of a layout."""
+    def _kept_at(self, structure: Any) -> int:
+        """Keep a structure of ctypes and return its address."""
+        self._kept.append(structure)
+        return ctypes.addressof(structure)
+
+    def _layout(self, layout: JointStateLayout) -> Any:
+        """Return the structure of a layout."""
         shape = self._shape
         length = len(layout.buffer)
         mask = np.frombuffer(layout.mask.to_bytes(length, 'little'), dtype=np.uint8)
@@ -260,21 +257,20 @@ class CyclePlan:
             places = np.concatenate([places, 2 * shape.n + further])
             constants[2 * shape.n + shape.joints + further] = 1.0
         offsets = layout.positions_at + 8 * entries.astype(np.int64)
-        return [length, self._at(mask), self._at(np.frombuffer(expected, np.uint8)),
-                len(offsets), self._at(offsets), self._at(places.astype(np.int64)),
-                self._at(constants)]
+        return Layout(length, self._at(mask), self._at(np.frombuffer(expected, np.uint8)),
+                      len(offsets), self._at(offsets), self._at(places.astype(np.int64)),
+                      self._at(constants))
 
     def _motion(self, scheduled: tuple[Motion, int] | None) -> int:
-        """Return the address of the words of a motion; 0 without one."""
+        """Return the address of the structure of a motion; 0 without one."""
         if scheduled is None:
             return 0
         motion, start = scheduled
         # Segments as a table: the native path evaluates them as the interpreter's does.
         table = segment_table(motion)
-        words = [start, len(table.times), self._at(table.times),
-                 self._at(table.origins), self._at(table.rates), self._at(table.rows),
-                 table.rows[0].size]
-        return self._at(np.array(words, dtype=np.int64))
+        return self._kept_at(MotionTable(
+            start, len(table.times), self._at(table.times), self._at(table.origins),
+            self._at(table.rates), self._at(table.rows), table.rows[0].size))
 
 
 class Report(NamedTuple):
@@ -291,7 +287,8 @@ class Report(NamedTuple):
         Steady time of the cycle, ns.
     sequence : int
         The publisher's number of the message.
-    event : (8,) array
+    event : Event
+        A structure of `message_loop`.
     path : PathState
     numbers : array
         The `PathState` as an array.
@@ -304,7 +301,7 @@ class Report(NamedTuple):
     begin: int
     end: int
     sequence: int
-    event: Array
+    event: Any
     path: PathState
     numbers: Array
     message: bytes
@@ -312,7 +309,7 @@ class Report(NamedTuple):
 
 def compile_loop() -> None:
     """Compile the loop of the thread, which is that of every robot."""
-    message_loop.message_loop(DROPS)
+    message_loop.message_loop()
 
 
 class NativeLoop:
@@ -331,17 +328,16 @@ class NativeLoop:
         shape = kernels.shape
         self.kernels = kernels
         self.shape = shape
-        self._code = message_loop.message_loop(DROPS)
-        self._write = message_loop.write_word(DROPS)
-        self._read = message_loop.read_word(DROPS)
-
-        self.block: Words = np.zeros(len(message_loop.BLOCK), dtype=np.int64)
+        self._code = message_loop.message_loop()
+        self._write = message_loop.write_number()
+        self._read = message_loop.read_number()
+        self.block = Block()
 
         # What the rules read and write.
         path_size = cycle_rules.path_size(shape)
         self.path = np.zeros(path_size)
         self.result = np.zeros(path_size)
-        self.event = np.zeros(message_loop.EVENT_LENGTH)
+        self.event = np.zeros(len(Event._fields_))
         self.state = np.zeros(shape.state)
         self.heard = np.zeros(FIELDS + shape.commanded)  # the last message of torque_guard
 
@@ -352,12 +348,11 @@ class NativeLoop:
         self.request = float64_multi_array(1)
 
         # What it needs beside.
-        head = 8 * (len(message_loop.SLOT) + message_loop.EVENT_LENGTH + path_size)
+        head = ctypes.sizeof(Slot) + self.path.nbytes
         self._ring = np.zeros((SLOTS, head + LARGEST), dtype=np.uint8)
-        self._info = np.zeros(INFO_SIZE, dtype=np.uint8)
-        self._kept = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
-        self._failures: Words = np.zeros(INPUTS_AT_MOST, dtype=np.int64)
-        self._used: list[Any] = []  # memory of words that are addresses
+        self._information = np.zeros((3, INFORMATION_SIZE), dtype=np.int64)  # of each input
+        self._waiting = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
+        self._used: list[Any] = []  # memory of fields that are addresses
         self._plans: list[CyclePlan] = []
         self._end: Callable[[], object] = bool
         self._wake: Callable[[], None] = lambda: None
@@ -366,51 +361,55 @@ class NativeLoop:
         self._describe_memory()
         self.publish_to(0, 0)
 
+    @property
+    def address(self) -> int:
+        """Return the address of the block."""
+        return ctypes.addressof(self.block)
+
     def _describe_memory(self) -> None:
         """Write the addresses and sizes of the memory into the block."""
         from_guard = float64_multi_array(len(self.heard))
         # Addresses stay valid because these arrays live as long as the loop.
-        self.set_words(RING=self._ring.ctypes.data, SLOTS=SLOTS,
-                       SLOT_SIZE=self._ring.shape[1], INFO=self._info.ctypes.data)
-        self.set_words(PATH=self.path.ctypes.data, RESULT=self.result.ctypes.data,
-                       PATH_SIZE=len(self.path), TAU=cycle_rules.SCALARS,
-                       TAU_COUNT=self.shape.commanded)
-        self.set_words(EVENT=self.event.ctypes.data, STATE=self.state.ctypes.data,
-                       STATE_COUNT=len(self.state))
-        self.set_words(LARGEST=LARGEST, KEPT=self._kept.ctypes.data,
-                       FAILURES=self._failures.ctypes.data)
-        self.set_words(GUARD_LENGTH=from_guard.bytes.size,
-                       GUARD_AT=from_guard.bytes.size - from_guard.numbers.nbytes,
-                       GUARD_NUMBERS=self.heard.ctypes.data, GUARD_BYTES=self.heard.nbytes)
-        self.set_words(REQUEST_MESSAGE=self._message(self.request),
-                       REQUEST_NUMBER=self.request.numbers.ctypes.data)
-        steady = ctypes.cast(self._library.clock_gettime, ctypes.c_void_p).value
-        rest = ctypes.cast(self._library.usleep, ctypes.c_void_p).value
-        self.set_words(STEADY=steady, REST_FOR=rest,
-                       PUBLISH=self._code.address('publish_nothing'))
+        self.set_fields(ring=self._ring.ctypes.data, slots=SLOTS,
+                        slot_size=self._ring.shape[1], largest=LARGEST,
+                        kept=self._waiting.ctypes.data)
+        self.set_fields(path=self.path.ctypes.data, result=self.result.ctypes.data,
+                        path_size=len(self.path), torque_count=self.shape.commanded,
+                        torques=self.path[cycle_rules.SCALARS:].ctypes.data)
+        self.set_fields(event=self.event.ctypes.data, state=self.state.ctypes.data,
+                        state_size=len(self.state))
+        self.set_fields(guard_length=from_guard.bytes.size,
+                        guard_at=from_guard.bytes.size - from_guard.numbers.nbytes,
+                        guard_numbers=self.heard.ctypes.data, guard_count=len(self.heard))
+        self.set_fields(steady=function_address(self._library.clock_gettime),
+                        rest_for=function_address(self._library.usleep))
+        for inputs, information in zip(
+                (self.block.states, self.block.clock_messages, self.block.guard_messages),
+                self._information):
+            inputs.information = information.ctypes.data
+        self.ask(0)
 
-    def _message(self, message: PreparedMessage) -> int:
-        """Return the address of the structure of a message, which is kept."""
+    def _output(self, publisher: int, message: PreparedMessage, stamp_at: int) -> Any:
+        """Return the structure of a publisher with its message, which is kept."""
         structure = message_of(message.bytes)
         self._used.append(structure)
-        return ctypes.addressof(structure)
+        stamp = message.bytes.ctypes.data + stamp_at if stamp_at else 0
+        return Output(publisher, ctypes.addressof(structure), message.numbers.ctypes.data,
+                      stamp)
 
     def publish_to(self, commands: int, torques: int, stamped: int | None = None) -> None:
         """Publish the torques by these publishers, by the addresses of their handles."""
-        # Each publisher with its message, and where the stamp is in it; commands have
-        # none.
-        outputs = [(commands, self.command, 0)]
+        outputs = [self._output(commands, self.command, 0)]  # which has no stamp
         if stamped is not None:
-            outputs.append((stamped, self.stamped, STAMP_AT))
-        outputs.append((torques, self.torques, STAMP_AT))
-        rows = []
-        for publisher, message, stamp_at in outputs:
-            stamp = message.bytes.ctypes.data + stamp_at if stamp_at else 0
-            rows.append([publisher, self._message(message), message.numbers.ctypes.data,
-                         stamp])
-        table = np.array(rows, dtype=np.int64)
+            outputs.append(self._output(stamped, self.stamped, STAMP_AT))
+        outputs.append(self._output(torques, self.torques, STAMP_AT))
+        table = (Output * len(outputs))(*outputs)
         self._used.append(table)
-        self.set_words(OUTPUTS=table.ctypes.data, OUTPUT_COUNT=len(rows))
+        self.set_fields(outputs=ctypes.addressof(table), output_count=len(outputs))
+
+    def ask(self, publisher: int) -> None:
+        """Publish requests to torque_guard by the publisher of this address."""
+        self.set_fields(request=self._output(publisher, self.request, 0))
 
     def connect(self, rcl: RclLoop, guard_input: int | None = None,
                 clock_input: int | None = None) -> None:
@@ -421,72 +420,65 @@ class NativeLoop:
         /clock.
         """
         self._wake = rcl.wake
-        self.set_words(CLOCK=rcl.address('rcl_clock_get_now'), CLOCK_HANDLE=rcl.clock,
-                       PUBLISH=rcl.address('rcl_publish_serialized_message'))
+        block = self.block
         # Inputs that this node does not have keep their address of zero.
-        for name, place in (('GUARD_INPUT', guard_input), ('CLOCK_INPUT', clock_input)):
+        for inputs, place in ((block.states, 0), (block.guard_messages, guard_input),
+                              (block.clock_messages, clock_input)):
             if place is not None:
-                self.set_words(**{name: self._input(rcl, place)})
-        self.set_words(WAIT_SET=ctypes.addressof(rcl.wait_set),
-                       SUBSCRIPTION=rcl.subscriptions[0],
-                       GUARD=rcl.guard, TAKEN=ctypes.addressof(rcl.taken[0]),
-                       CLEAR=rcl.address('rcl_wait_set_clear'),
-                       ADD_SUBSCRIPTION=rcl.address('rcl_wait_set_add_subscription'),
-                       ADD_GUARD=rcl.address('rcl_wait_set_add_guard_condition'),
-                       WAIT=rcl.address('rcl_wait'),
-                       TAKE=rcl.address('rcl_take_serialized_message'))
+                inputs.subscription = rcl.subscriptions[place]
+                inputs.taken = ctypes.addressof(rcl.taken[place])
+        self.set_fields(wait_set=ctypes.addressof(rcl.wait_set), wake=rcl.guard,
+                        clock_handle=rcl.clock,
+                        clear=rcl.address('rcl_wait_set_clear'),
+                        add_subscription=rcl.address('rcl_wait_set_add_subscription'),
+                        add_guard_condition=rcl.address('rcl_wait_set_add_guard_condition'),
+                        wait=rcl.address('rcl_wait'),
+                        take=rcl.address('rcl_take_serialized_message'),
+                        publish=rcl.address('rcl_publish_serialized_message'),
+                        clock=rcl.address('rcl_clock_get_now'))
 
     def simulate_time(self, is_simulated: bool) -> None:
         """Use the time of the messages of /clock, or that of the clock."""
-        self._publish_word('SIMULATED', int(is_simulated))
+        self.publish_number('simulated', int(is_simulated))
 
-    def _input(self, rcl: RclLoop, place: int) -> int:
-        """Return the address of the words of a subscription beside that of the states."""
-        info = np.zeros(INFO_SIZE, dtype=np.uint8)
-        failures = self._failures[place:]
-        words = np.array([rcl.subscriptions[place], ctypes.addressof(rcl.taken[place]),
-                          info.ctypes.data, failures.ctypes.data], dtype=np.int64)
-        self._used += [info, words]
-        return int(words.ctypes.data)
-
-    def set_words(self, **words: int | None) -> None:
-        """Set words of the block, which the thread reads when it starts."""
-        for name, value in words.items():
-            self.block[message_loop.BLOCK.index(name)] = value or 0
+    def set_fields(self, **fields: Any) -> None:
+        """Set fields of the block, which the thread reads when it starts."""
+        for name, value in fields.items():
+            setattr(self.block, name, value)
 
     def number(self, name: str) -> int:
         """
-        Return a word of the block, before everything read afterwards.
+        Return a number of the block, before everything read afterwards.
 
-        Among them are HEAD, the number of reports since the start of the thread; LOST,
-        those that found the ring full; UNSENT, commands that the middleware refused;
-        NOT_TAKEN, its failures to return a message; and ENDED, the code of rcl with which
-        the thread ended by itself, or 0.
+        Among them are `head`, the number of reports since the start of the thread; `lost`,
+        those that found the ring full; `refused`, the code with which the middleware
+        refused a message, or 0; `not_taken`, its failures to return a message; and
+        `ended`, the code of rcl with which the thread ended by itself, or 0.
         """
-        place = message_loop.BLOCK.index(name)
-        return int(self._read(self.block.ctypes.data + 8 * place))
+        return int(self._read(self.address + getattr(Block, name).offset))
 
-    def _publish_word(self, name: str, value: int) -> None:
-        """Set a word of the block after everything written before."""
-        place = message_loop.BLOCK.index(name)
-        self._write(self.block.ctypes.data + 8 * place, value)
+    def publish_number(self, name: str, value: int) -> None:
+        """Set a number of the block after everything written before."""
+        self._write(self.address + getattr(Block, name).offset, value)
 
     def begin(self, epoch: int, path: PathState) -> None:
         """Prepare a start at a time of the node's clock, ns."""
         self.path[:] = packed(path)
         self.event[:] = 0.0
         self._plans = []
-        self.set_words(EPOCH=epoch, STOP=0, ENDED=0, HEAD=0, TAIL=0, LOST=0, REPLAYED=0,
-                       PLAN=0, IN_USE=0, KEPT_LENGTH=0, SIMULATED_TIME=epoch,
-                       BROKEN=0)
-        self._failures[:] = 0
+        self.set_fields(epoch=epoch, stop=0, ended=0, head=0, tail=0, lost=0, replayed=0,
+                        plan=0, in_use=0, kept_length=0, simulated_time=epoch, broken=0,
+                        refused=0)
+        for inputs in (self.block.states, self.block.clock_messages,
+                       self.block.guard_messages):
+            inputs.failures = 0
 
     def use(self, plan: CyclePlan) -> None:
         """Use a plan from the next cycle on; free those that no cycle uses any more."""
         self._plans.append(plan)
-        self._publish_word('PLAN', plan.address)
+        self.publish_number('plan', plan.address)
         self._wake()
-        in_use = self.number('IN_USE')
+        in_use = self.number('in_use')
         addresses = [earlier.address for earlier in self._plans]
         if in_use in addresses:
             del self._plans[:addresses.index(in_use)]
@@ -507,13 +499,13 @@ class NativeLoop:
         try:
             code = self._library.pthread_create(
                 ctypes.byref(thread), None, ctypes.c_void_p(self._code.address('run')),
-                ctypes.c_void_p(self.block.ctypes.data))
+                ctypes.c_void_p(self.address))
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         if code:
             raise OSError(code, os.strerror(code))
         self._library.pthread_setname_np(thread, NAME.encode())
-        stop = self.block.ctypes.data + 8 * message_loop.BLOCK.index('STOP')
+        stop = self.address + Block.stop.offset
         # It ends before its memory does, also when the interpreter exits without a stop.
         self._end = finalize(self, _end_thread, os.getpid(), thread, self._library,
                              self._write, stop, self._wake, dict(vars(self)))
@@ -532,25 +524,21 @@ class NativeLoop:
 
     def reports(self) -> list[Report]:
         """Return the cycles since the last call, and free their slots."""
-        head = self.number('HEAD')
-        tail = self.number('TAIL')
+        head = self.number('head')
+        tail = self.number('tail')
         reports = [self._report(self._ring[k % SLOTS]) for k in range(tail, head)]
-        self._publish_word('TAIL', head)
+        self.publish_number('tail', head)
         return reports
 
-    def _report(self, slot: NDArray[np.uint8]) -> Report:
-        words = slot[:8 * len(message_loop.SLOT)].view(np.int64).tolist()
-        # A slot has words, then the event and the path as numbers, then the message.
-        named = dict(zip(message_loop.SLOT, words))
-        at = 8 * len(message_loop.SLOT)
-        numbers = message_loop.EVENT_LENGTH + len(self.path)
-        doubles = slot[at:at + 8 * numbers].view(np.float64).copy()
-        event, path = np.split(doubles, [message_loop.EVENT_LENGTH])
-        begin = at + 8 * numbers
-        message = slot[begin:begin + named['MESSAGE_LENGTH']].tobytes()
-        return Report(named['KIND'], named['ALL_LOST'], named['BEGIN'], named['END'],
-                      named['SEQUENCE'], event, cycle_rules.unpacked_path(path, self.shape),
-                      path, message)
+    def _report(self, memory: NDArray[np.uint8]) -> Report:
+        """Return what a slot reports: its structure, the path, then the message."""
+        slot = Slot.from_buffer_copy(memory)
+        begin = ctypes.sizeof(Slot)
+        end = begin + self.path.nbytes
+        path = memory[begin:end].view(np.float64).copy()
+        message = memory[end:end + slot.length].tobytes()
+        return Report(slot.kind, slot.lost, slot.begin, slot.end, slot.sequence, slot.event,
+                      cycle_rules.unpacked_path(path, self.shape), path, message)
 
     def call(self, function: str, message: bytes = b'') -> None:
         """
@@ -560,9 +548,9 @@ class NativeLoop:
         """
         run = self._code.function(function, ctypes.PYFUNCTYPE(
             None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
-        run(self.block.ctypes.data, self._plans[-1].address, message, len(message))
+        run(self.address, self._plans[-1].address, message, len(message))
 
-    def durations(self, message: bytes, count: int, works: bool = True) -> Words:
+    def durations(self, message: bytes, count: int, works: bool = True) -> NDArray[np.int64]:
         """
         Answer a message many times, without the GIL; return each duration, ns.
 
@@ -570,15 +558,20 @@ class NativeLoop:
         to read the clocks.
         """
         # Reports of earlier cycles are skipped, so that the ring does not fill up.
-        self._publish_word('TAIL', self.number('HEAD'))
+        self.publish_number('tail', self.number('head'))
         durations = np.zeros(count, dtype=np.int64)
         data = ctypes.create_string_buffer(message, len(message))
         run = self._code.function('repeat_cycles', ctypes.CFUNCTYPE(
             None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64,
             ctypes.c_void_p, ctypes.c_bool))
-        run(self.block.ctypes.data, ctypes.addressof(data), len(message), count,
+        run(self.address, ctypes.addressof(data), len(message), count,
             durations.ctypes.data, works)
         return durations
+
+
+def function_address(function: Any) -> int:
+    """Return the address of a function of ctypes."""
+    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
 
 
 def _end_thread(process: int, thread: ctypes.c_ulong, library: ctypes.CDLL,

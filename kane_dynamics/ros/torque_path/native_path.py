@@ -26,8 +26,7 @@ from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refus
                                                       squared_limits)
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
-from kane_dynamics.native.runtime.message_loop import (ELAPSED, HEARD, MOMENT, MOVING,
-                                                       NOW, STAMP, UNKNOWN)
+from kane_dynamics.native.runtime.message_loop import ELAPSED, HEARD, UNKNOWN
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.common.qos import THREAD_STATES
@@ -349,14 +348,12 @@ class NativeTorquePath(TorquePath):
         """Start; the first command follows the first states."""
         self.running = False
         super().start()
-        # Counts and clocks begin again; what was unsent or not taken before is not
-        # reported.
+        # Counts and clocks begin again; what was not taken before is not reported.
         loop = self.native
         self._last = self._memory.path
         self._replay = 0, b''
         self._noted = 0
-        self._counted = {'LOST': 0, 'UNSENT': loop.number('UNSENT'),
-                         'NOT_TAKEN': loop.number('NOT_TAKEN')}
+        self._counted = {'lost': 0, 'not_taken': loop.number('not_taken')}
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
         loop.simulate_time(self._hears_time)
@@ -375,7 +372,8 @@ class NativeTorquePath(TorquePath):
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Stop the thread, then command zeros and ignore further states."""
         self.native.stop_thread()
-        self.read_reports()
+        if self.running:
+            self._read_all()
         super().stop(reason)
 
     def _look_at_clock(self) -> None:
@@ -423,9 +421,29 @@ class NativeTorquePath(TorquePath):
         self.read_reports()
 
     def read_reports(self) -> None:
-        """Count, warn and observe what the thread did; called in the main thread."""
+        """
+        Count, warn and observe what the thread did; called in the main thread.
+
+        Raises
+        ------
+        RuntimeError
+            The middleware refused a message, as where Python publishes it; the thread
+            has ended.
+
+        """
         if not self.running:
             return
+        self._read_all()
+        if self.refused:
+            raise RuntimeError('torques: refused by the middleware, code '
+                               f'{self.native.block.refused}; expected publishers that '
+                               'accept them')
+        code = self.native.number('ended')
+        if code:
+            self._end(f'rcl returned {code}')
+
+    def _read_all(self) -> None:
+        """Read the reports and the counters of the thread."""
         # Loads first, so that reports are read with the parameters of their cycles.
         if self._loads is not self._applied_loads:
             self._apply_loads()
@@ -435,12 +453,13 @@ class NativeTorquePath(TorquePath):
             self._noted += len(reports)
         # Cycles that no report describes any more were answered nevertheless.
         self.statistics.unobserved += self._warn_of(
-            'LOST', 'cycles', 'answered, but not observed: the interpreter was busy')
-        self._warn_of('UNSENT', 'commands', 'refused by the middleware')
-        self._warn_of('NOT_TAKEN', 'messages', 'not returned by the middleware')
-        code = self.native.number('ENDED')
-        if code:
-            self._end(f'rcl returned {code}')
+            'lost', 'cycles', 'answered, but not observed: the interpreter was busy')
+        self._warn_of('not_taken', 'messages', 'not returned by the middleware')
+
+    @property
+    def refused(self) -> bool:
+        """Return whether the middleware refused a message of the thread, which ended."""
+        return bool(self.native.number('refused'))
 
     def _warn_of(self, counter: str, subject: str, words: str) -> int:
         """Warn of what a counter of the thread has counted since the last call."""
@@ -454,7 +473,7 @@ class NativeTorquePath(TorquePath):
     def _read(self, report: Report) -> None:
         """Read one report."""
         # Lost states are those that the thread did not see, by their sequence numbers.
-        if report.lost > self._counted['LOST']:
+        if report.lost > self._counted['lost']:
             self._lost_states.skip()
         is_of_state = report.kind not in (ELAPSED, HEARD)
         if is_of_state:
@@ -463,7 +482,7 @@ class NativeTorquePath(TorquePath):
             self._learn(report)
             return
         # Times of the thread count from the activation.
-        now = round(float(report.event[NOW])) + self._epoch
+        now = round(report.event.now) + self._epoch
         dropped = self._note_drop(self._last, report.path, now)
         if self._guard is not None:
             self._note_guard(self._guard, self._last, report.path, dropped)
@@ -497,7 +516,7 @@ class NativeTorquePath(TorquePath):
     def _note_command(self, report: Report, now: int) -> None:
         """Count a command and call the observers."""
         path = report.path
-        stamp = round(float(report.event[STAMP])) + self._epoch
+        stamp = round(report.event.stamp) + self._epoch
         is_limited = bool((path.clamped > 0.5).any() or (path.rate_limited > 0.5).any())
         at = min(stamp, now)
         self._last_good = at
@@ -505,7 +524,7 @@ class NativeTorquePath(TorquePath):
                                 (now - stamp) / NANO, is_limited)
         self.statistics.full_parses = self._reader.full_parses
         motion = None
-        if report.event[MOVING]:
+        if report.event.moving:
             motion, _ = self.active_motion.at(at)
         law = self._laws.get(self.controller.mode)
         # A report from before a change of the mode has the memory of another law.
@@ -514,7 +533,7 @@ class NativeTorquePath(TorquePath):
         external = None
         if self.wrenches is not None:
             external = self.wrenches.torques(self._reader.q, now)
-        self._observe(path, at, motion, float(report.event[MOMENT]), external)
+        self._observe(path, at, motion, report.event.moment, external)
 
     def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
         """Call an observer, on which the torques do not depend."""
@@ -535,7 +554,7 @@ class NativeTorquePath(TorquePath):
     def _note_dropped_state(self, report: Report, code: int, now: int) -> None:
         """Count and explain a state that was not answered."""
         path = report.path
-        stamp = round(float(report.event[STAMP])) + self._epoch
+        stamp = round(report.event.stamp) + self._epoch
         if code == cycle_results.OUT_OF_ORDER and report.message == self._replay[1]:
             # It came in order, but the thread answered other publishers meanwhile.
             self._drop(LEARNED, f'{len(report.message)} bytes; the next one of its '
@@ -634,7 +653,7 @@ class NativeTorquePath(TorquePath):
         """
         is_reader = threading.current_thread() is threading.main_thread()
         until = time.monotonic() + LONGEST_LAG
-        written = self.native.number('HEAD')
+        written = self.native.number('head')
         while self.running and time.monotonic() < until:
             if is_reader:
                 self.read_reports()

@@ -344,6 +344,11 @@ class TorquePath:
             self._begun = self._guard.beginning()
         return initial_path(self._memory.shape, 0.0, self._begun)
 
+    @property
+    def refused(self) -> bool:
+        """Return whether the middleware refused a message that no callback publishes."""
+        return False
+
     def stop(self, reason: str = 'the node was deactivated') -> None:
         """Command zeros and ignore further states, for a reason."""
         self.running = False

@@ -20,9 +20,8 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.control_cycle import cycle_results, cycle_rules  # noqa: E402
-from kane_dynamics.native.runtime import message_loop  # noqa: E402
-from kane_dynamics.native.runtime.message_loop import (  # noqa: E402
-    NOTHING_TAKEN, NOW, STAMP, STEADILY)
+from kane_dynamics.native.runtime.message_loop import (Block, CONSTANTS,  # noqa: E402
+                                                       Event)
 from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # noqa: E402
                                           write_joint_state)
 from kane_dynamics.ros.common.rcl_functions import (  # noqa: E402
@@ -35,7 +34,6 @@ from kane_dynamics.ros.torque_path import native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.drop_reasons import LEARNED  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
-import native_rig  # noqa: E402
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
 
@@ -402,8 +400,8 @@ def test_the_compiled_rules_equal_the_readable_ones(mode):
         state_before = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
         pair.do_state(pair.rng.choice(['state', 'state', 'jump', 'far', 'fast']))
         settings = path._settings()
-        event = cycle_rules.Event(float(loop.event[NOW]), float(loop.event[STAMP]), 0.0,
-                                  0.0, 1.0, float(loop.event[STEADILY]))
+        event = Event.from_buffer(loop.event)
+        event = cycle_rules.Event(event.now, event.stamp, 0.0, 0.0, 1.0, event.steady)
         judged = cycle_rules.judge(state_before, event, loop.state.copy(), settings,
                                    turning_joints(robot, NAMES))
         state_after = cycle_rules.unpacked_path(loop.path.copy(), loop.shape)
@@ -452,7 +450,7 @@ def test_a_full_ring_counts_what_nothing_observed():
     for _ in range(native_loop.SLOTS + 7):
         side.path.native.call('cycle', stamped)
     side.path.read_reports()
-    assert side.path.native.number('LOST') == 7
+    assert side.path.native.number('lost') == 7
     assert side.statistics.unobserved == 7
     assert side.warnings[-1][0] == 'cycles'
 
@@ -479,7 +477,7 @@ def test_a_motion_does_not_come_back_if_the_report_of_its_fault_was_lost():
     for _ in range(4):  # longer than the grace time
         pair.time += 10_000_000
         answer(message(pair.q + 1.0, np.zeros(2), pair.time))
-    assert side.path.native.number('LOST')
+    assert side.path.native.number('lost')
     side.path.read_reports()
     pair.time += 10_000_000
     answer(message(pair.q, np.zeros(2), pair.time))
@@ -526,7 +524,7 @@ def test_a_thread_that_ends_by_itself_ends_the_path_until_it_is_started_again():
     pair = in_motion()
     side = pair.sides[1]
     path = side.path
-    path.native.set_words(ENDED=1)
+    path.native.set_fields(ended=1)
     path.read_reports()
     assert not path.running
     assert path.active_motion.scheduled == (None, None)
@@ -556,16 +554,18 @@ class Middleware:
         self._kept = (SerializedMessage * 2)()
         self._functions = []
         nothing = self._word(TAKE, lambda *words: 0)
-        loop.set_words(
-            CLEAR=nothing, ADD_SUBSCRIPTION=nothing, ADD_GUARD=nothing, WAIT=nothing,
-            TAKE=self._word(TAKE, self.take), TAKEN=ctypes.addressof(self._kept),
-            REST_FOR=self._word(REST, self.rest))
-        self._stop = partial(loop._publish_word, 'STOP', 1)
+        loop.set_fields(
+            clear=nothing, add_subscription=nothing, add_guard_condition=nothing,
+            wait=nothing, take=self._word(TAKE, self.take),
+            rest_for=self._word(REST, self.rest))
+        loop.block.states.subscription = 1
+        loop.block.states.taken = ctypes.addressof(self._kept)
+        self._stop = partial(loop.publish_number, 'stop', 1)
 
     def _word(self, kind, function):
         """Return the address of a function, which is kept."""
         self._functions.append(kind(function))
-        return native_rig.address(self._functions[-1])
+        return native_loop.function_address(self._functions[-1])
 
     def rest(self, microseconds):
         self.rests.append(microseconds)
@@ -574,7 +574,7 @@ class Middleware:
     def take(self, subscription, taken, info, allocation):
         if not self.messages:
             self._stop()
-            return NOTHING_TAKEN
+            return CONSTANTS['NOTHING_TAKEN']
         message = self.messages.pop(0)
         if isinstance(message, int):
             return message
@@ -592,24 +592,24 @@ def taken_in_a_thread(messages):
     loop = side.path.native
     middleware = Middleware(loop, messages(message(pair.q, np.zeros(2), pair.time)))
     loop._code.function('run', ctypes.CFUNCTYPE(None, ctypes.c_void_p))(
-        loop.block.ctypes.data)
+        loop.address)
     return side, middleware
 
 
 def test_a_failure_to_take_messages_is_reported_and_the_thread_rests():
     failed = [1] * 7
     side, middleware = taken_in_a_thread(
-        lambda state: [*failed, state, *failed, NOTHING_TAKEN])
+        lambda state: [*failed, state, *failed, CONSTANTS['NOTHING_TAKEN']])
     count_before = side.statistics.commands
     side.path.read_reports()
     assert side.statistics.commands == count_before + 1
-    assert middleware.rests == [message_loop.PAUSE] * 14
+    assert middleware.rests == [CONSTANTS['PAUSE']] * 14
     assert side.path.running
     assert side.warnings[-1] == ('messages', '14 not returned by the middleware')
 
 
 def test_failures_to_take_messages_that_last_end_the_path():
-    count = message_loop.MOST_FAILURES
+    count = CONSTANTS['MOST_FAILURES']
     side, middleware = taken_in_a_thread(
         lambda state: [10] * (count - 1) + [state] + [10] * count + [state])
     assert len(middleware.messages) == 1, 'ended'
@@ -619,7 +619,26 @@ def test_failures_to_take_messages_that_last_end_the_path():
     side.path.stop()
     assert not side.path.ended
     side.path.start()
-    assert side.path.native.number('ENDED') == 0
+    assert side.path.native.number('ended') == 0
+
+
+def test_a_refused_publication_is_raised_on_both_paths():
+    pair = in_motion()
+
+    def refuse(data):
+        raise RuntimeError('refused')
+    for side in pair.sides:
+        side.torques.publish = refuse
+        pair.time += 1_000_000
+        with pytest.raises(RuntimeError, match='refused'):
+            side.path.on_state(message(pair.q, np.zeros(2), pair.time))
+        del side.torques.publish
+        count = len(side.torques.sent)
+        side.path.stop()
+        assert not numbers(side.commands.sent[-1]).any()
+        assert len(side.torques.sent) == count + 1
+        side.path.start()
+        side.path.on_state(message(pair.q, np.zeros(2), pair.time))
 
 
 def test_no_cycle_has_a_part_of_changes_that_belong_together():
@@ -734,7 +753,7 @@ def test_no_message_is_read_beyond_its_end_or_ends_the_path():
         pair.time += 1_000_000
         data = damaged(message(pair.q, np.zeros(2), pair.time), rng)
         address, memory = before_a_closed_page(data)
-        cycle(loop.block.ctypes.data, loop._plans[-1].address, address, len(data))
+        cycle(loop.address, loop._plans[-1].address, address, len(data))
         path.read_reports()
         del memory
     count = len(pair.sides[1].commands.sent)
@@ -752,7 +771,7 @@ def test_a_known_message_larger_than_a_slot_is_not_copied_into_the_ring():
     path = pair.sides[1].path
     pair.do_state('state')
     data = message(pair.q, np.zeros(2), pair.time)
-    path.native.set_words(LARGEST=len(data) - 1)
+    path.native.set_fields(largest=len(data) - 1)
     path.native._ring[:] = 0
     path.native.call('cycle', data)
     assert path.native.reports()[-1].message == b''
@@ -778,7 +797,7 @@ def test_two_publishers_of_one_length_are_both_answered_at_once():
         kinds = {report.kind for report in path.native.reports()} if step > 3 else {0}
         assert kinds == {0}, 'answered, not unknown'
         if step <= 3:
-            path.native._publish_word('TAIL', path.native.number('HEAD') - 1)
+            path.native.publish_number('tail', path.native.number('head') - 1)
             path.read_reports()
 
 
@@ -799,7 +818,7 @@ def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_nam
 def test_the_thread_ends_before_its_memory_does():
     laws = traced_laws.controller_laws(ROBOT, Terms())
     loop = native_loop.NativeLoop(native_loop.CycleKernels(ROBOT, Terms(), laws), NAMES)
-    stop_at = loop.block.ctypes.data + 8 * native_loop.message_loop.BLOCK.index('STOP')
+    stop_at = loop.address + Block.stop.offset
     ended = threading.Event()
 
     @ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
