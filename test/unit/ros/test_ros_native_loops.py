@@ -28,7 +28,7 @@ STEPS = {'driven': 0.3, 'all': 0.2, 'some': 0.08, 'jump': 0.03, 'fast': 0.02,
          'loads': 0.02, 'effort': 0.03}
 # Torques are of some 1000 N m.
 CHOICES = Choices(STEPS, tuple(map(str, MODES)),
-                  efforts=(100.0, 5000.0), rate=2000.0, near=1e-7)
+                  efforts=(100.0, math.inf), rate=2000.0, near=1e-7)
 
 
 class Pair(BothPaths):

@@ -46,7 +46,7 @@ STEPS = {'state': 0.55, 'jump': 0.05, 'far': 0.03, 'fast': 0.03, 'nan': 0.03,
          'stale': 0.02, 'ahead': 0.02, 'order': 0.02, 'pause': 0.02, 'back': 0.01,
          'motion': 0.04, 'gains': 0.03,
          'mode': 0.02, 'loads': 0.02, 'effort': 0.03, 'turn': 0.03, 'target': 0.05}
-CHOICES = Choices(STEPS, MODES, efforts=(1.0, 10.0, 300.0), rate=20.0, near=1e-9)
+CHOICES = Choices(STEPS, MODES, efforts=(1.0, 10.0, math.inf), rate=20.0, near=1e-9)
 CHANGED = ('mode', 'modes', 'blend_time', 'target.timeout', 'state_check.grace',
            'state_check.action', 'state_timeout')
 TAKE = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 4)
