@@ -4,15 +4,17 @@ from collections import Counter
 from collections.abc import Mapping
 import os
 from pathlib import Path
+import re
 from typing import Any
 
+from kane_dynamics._util.file_kinds import seems
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics.errors import KaneError, UrdfError
 import yaml
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML loader that refuses duplicate keys; PyYAML silently uses the last."""
+class Loader(yaml.SafeLoader):
+    """YAML loader that refuses duplicate keys, and reads 1e2 as a number as ROS does."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping after checking that its scalar keys differ."""
@@ -22,6 +24,12 @@ class _Loader(yaml.SafeLoader):
             raise yaml.YAMLError(f'given more than once: {listing(twice)} '
                                  f'(line {node.start_mark.line + 1})')
         return super().construct_mapping(node, deep)
+
+
+# YAML 1.1, which PyYAML reads, has no number without a point or a sign of the exponent.
+Loader.add_implicit_resolver('tag:yaml.org,2002:float',
+                             re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+                             list('-+.0123456789'))
 
 
 def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any:
@@ -42,18 +50,22 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         raise error(f'{what}: {SHORT.repr(source)}; expected the path of a YAML file, '
                     'or a dict')
     try:
-        # `ros2 topic echo` ends its output with ---, which starts an empty document:
-        # ignored.
-        contents = yaml.load_all(Path(source).read_bytes(), _Loader)
-        documents = [document for document in contents if document is not None]
+        content = Path(source).read_bytes()
     except (OSError, ValueError) as fault:
         if isinstance(fault, FileNotFoundError):
             raise error(f'no such file: {os.fspath(source)!r}; expected the path of a '
-                        f'YAML file ({what}), or a dict') from None
+                        f'YAML file ({what})') from None
         reason = fault.strerror if isinstance(fault, OSError) else fault
         raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a '
-                    'YAML file, or a dict') from None
-    except (yaml.YAMLError, RecursionError) as fault:
+                    'YAML file') from None
+    kind = seems(content)
+    if kind not in ('a YAML file', 'text', 'an empty file', 'a binary file'):
+        raise error(f"{what} '{source}': seems to be {kind}; expected a YAML mapping")
+    # `ros2 topic echo` ends its output with ---, which starts an empty document: ignored.
+    try:
+        contents = yaml.load_all(content, Loader)
+        documents = [document for document in contents if document is not None]
+    except (yaml.YAMLError, RecursionError, ValueError) as fault:
         reason = ' '.join(str(fault).split()) or 'too deeply nested'
         raise error(f"{what} '{source}': not valid YAML: {reason}; expected a YAML "
                     'mapping') from None

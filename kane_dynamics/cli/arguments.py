@@ -1,6 +1,6 @@
 """Arguments of the subcommands; modules that only one of them needs are imported for it."""
 
-from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace, SUPPRESS
+from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable
 import math
 from typing import Any
@@ -8,11 +8,6 @@ from typing import Any
 KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')  # of pictures
 WITHIN = 'zeros, or the middle of limits that exclude 0'
 STEP = 0.01  # s, between samples of a motion given by points
-# Options of `excite` that sums of harmonics alone take, with their defaults.
-HARMONIC_OPTIONS: dict[str, Any] = {
-    'duration': 10.0, 'periods': 1, 'harmonics': 5, 'starts': 2,
-    'velocity': [math.inf], 'acceleration': [math.inf]}
-
 
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
@@ -222,7 +217,7 @@ def _add_efforts(sub: ArgumentParser) -> None:
 def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.friction_laws import LAW_NAMES
     from kane_dynamics.identification.recordings.recording import STANDSTILL
-    _add_model(sub)
+    _add_model(sub, friction=False)
     _add_constraints(sub)
     _add_recording(sub)
     _add_efforts(sub)
@@ -277,19 +272,19 @@ def _length_or_none(text: str) -> float | None:
 
 
 def _excite(sub: ArgumentParser) -> None:
-    _add_model(sub)
+    _add_model(sub, friction=False)
     sub.add_argument('-o', '--out', metavar='CSV', required=True,
                      help='write the motion')
     # Options of motions of harmonics; slow reversals have those after `--friction`.
     for name, kind, default, text in (
-            ('duration', float, HARMONIC_OPTIONS['duration'], 'duration in s'),
-            ('periods', int, HARMONIC_OPTIONS['periods'],
+            ('duration', float, 10.0, 'duration in s'),
+            ('periods', int, 1,
              'number of equal periods in the duration'),
-            ('harmonics', int, HARMONIC_OPTIONS['harmonics'],
+            ('harmonics', int, 5,
              'number of harmonics of each joint'),
             ('share', float, 0.9, 'fraction of the limits to use'),
             ('seed', int, 0, 'seed of the random initial motions'),
-            ('starts', int, HARMONIC_OPTIONS['starts'], 'number of initial motions'),
+            ('starts', int, 2, 'number of initial motions'),
             ('rate', float, 100.0, 'rows per second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
@@ -297,7 +292,7 @@ def _excite(sub: ArgumentParser) -> None:
     for name, unit in (('velocity', 'rad/s or m/s'),
                        ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+',
-                         default=HARMONIC_OPTIONS[name], metavar='X',
+                         default=[math.inf], metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
     sub.add_argument('--friction', action='store_true',
                      help='slow reversals under several loads, to identify friction with '
@@ -308,10 +303,9 @@ def _excite(sub: ArgumentParser) -> None:
                           'loads; default: 3')
     sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
                      help='lowest height of any link, m, or none; default: %(default)g')
-    sub.add_argument('--distance', type=_length_or_none, default=SUPPRESS, metavar='X',
+    sub.add_argument('--distance', type=_length_or_none, metavar='X',
                      help='smallest distance between links, m, or none; default: 0.05, '
-                          'or '
-                     'less for links that are near each other at rest')
+                          'or less for links that are near each other at rest')
 
 
 def _replay(sub: ArgumentParser) -> None:
@@ -440,7 +434,7 @@ def _number_or_word(text: str) -> str | float:
 
 
 def _doctor(sub: ArgumentParser) -> None:
-    _add_model(sub)
+    _add_model(sub, friction=False)
     _add_constraints(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     _add_uncertainty(sub, 'the motors must hold the arm with all of them')
@@ -461,8 +455,9 @@ def _doctor(sub: ArgumentParser) -> None:
 def _send(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
-    _add_motion(sub, 'CSV or YAML file; it starts at the measured positions')
-    sub.add_argument('--by', type=float, nargs='+', metavar='X',
+    motion = sub.add_mutually_exclusive_group(required=True)
+    _add_motion(motion, 'CSV or YAML file; it starts at the measured positions')
+    motion.add_argument('--by', type=float, nargs='+', metavar='X',
                      help='move by so much from the measured positions, and back, rad '
                      'or m; one per joint, or one value, which is smaller or turned '
                      'round for joints that would leave their limits')
@@ -501,8 +496,8 @@ def add_plot(parser: ArgumentParser, *kinds: str) -> None:
 
 
 def _add_motion(sub: Any, text: str, **options: Any) -> None:
-    """Add --motion and its synonym --trajectory."""
-    sub.add_argument('--motion', '--trajectory', metavar='FILE', help=text, **options)
+    """Add --motion."""
+    sub.add_argument('--motion', metavar='FILE', help=text, **options)
 
 
 def _add_recording(parser: ArgumentParser) -> None:
@@ -521,8 +516,12 @@ def _add_recording(parser: ArgumentParser) -> None:
                              'rate)')
 
 
-def _add_model(sub: ArgumentParser) -> None:
-    """Add the arguments that choose the robot, and --json."""
+def _add_model(sub: ArgumentParser, *, friction: bool = True) -> None:
+    """
+    Add the arguments that choose the robot, and --json.
+
+    `friction` adds --no-friction.
+    """
     sub.add_argument('urdf', metavar='URDF',
                      help="path of the URDF or .xacro file, or '-' for "
                      'standard input')
@@ -544,8 +543,10 @@ def _add_model(sub: ArgumentParser) -> None:
                        help='m/s^2; default: 0 0 -9.81')
     group.add_argument('--supplement', metavar='YAML',
                        help='springs, armature and friction, which URDF lacks')
-    group.add_argument('--no-friction', action='store_true',
-                       help='ignore damping and friction')
+    sub.set_defaults(no_friction=False)
+    if friction:
+        group.add_argument('--no-friction', action='store_true',
+                           help='ignore damping and friction')
     group.add_argument('--no-strict', action='store_true',
                        help='accept impossible inertias with a warning')
     _add_output(sub)

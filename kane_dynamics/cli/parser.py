@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-import difflib
 import errno
 from importlib import import_module
 import os
@@ -14,7 +13,7 @@ from kane_dynamics._util.broken_pipe import without_broken_pipe
 from kane_dynamics._util.resources import package_version
 from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
-from kane_dynamics.cli.wording import in_options
+from kane_dynamics.cli.option_rules import check_options
 from kane_dynamics.errors import KaneError
 from kane_dynamics.native.machine_code import compiling
 
@@ -53,26 +52,10 @@ COMMANDS = {
     'demo': ('Feedforward on a simulated arm, live', 'demo_command.demo'),
 }
 
-SYNONYMS = {  # names of options in other tools
-    'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot',
-    'accelerations': 'udot', 'a': 'udot',
-    'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
-    'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
-    'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip',
-    'end-effector': 'tip'}
-# Names of commands in other tools, and what is a part of a command here.
-COMMAND_SYNONYMS = {
-    'ik': 'inverse-kinematics', 'jac': 'jacobian', 'fk': 'inspect --frames',
-    'frames': 'inspect --frames', 'info': 'inspect', 'show': 'view', 'check': 'doctor',
-    'validate': 'doctor', 'id': 'torque', 'rnea': 'torque', 'dynamics': 'torque',
-    'gravity': 'torque', 'sim': 'simulate', 'fd': 'simulate', 'export-c': 'export',
-    'plot': '--plot of torque, simulate, identify and others',
-    'constraints': '--constraints of torque, simulate and others',
-    'payload': 'identify --payload', 'time-optimal': 'feasible'}
-
-
 INVALID = 2  # exit code of invalid input
 INTERRUPTED = 130  # exit code after Ctrl-C
+# Words that argparse takes for a value, not for an option, though they begin with '-'.
+NEGATIVE = re.compile(r'-\.?\d|-inf|-nan')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,26 +68,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(arguments: list[str]) -> int:
     """Parse the arguments and run the command; return its exit code."""
-    chosen = arguments[0] if arguments else ''
-    parser = _parser(chosen)
+    parser, command = parsers(arguments[0] if arguments else '')
     if not arguments:
         parser.print_help()
         return 0
     if arguments == ['--version']:
         print(f'kane-dynamics {package_version()}')
         return 0
-    options = _options(parser, arguments)
+    options: argparse.Namespace
+    options, options.unknown = parser.parse_known_args(arguments)
     if options.unknown and options.command != 'demo':
-        _refuse_unknown(parser, options)
+        assert command is not None
+        command.error(f'unrecognized arguments: {" ".join(options.unknown)}')
     # A mistake of the user is one line, no traceback; a closed pipe is the caller's.
     try:
         with compiling.reported_to(_on_stderr):
+            options.stated = _stated(command, arguments)
+            check_options(options)
             return _run(options)
     except (KaneError, OSError) as error:
         if isinstance(error, BrokenPipeError) or _of_full_output(error):
             raise
-        text = _with_option_names(parser, options.command, _text_of(error))
-        print(f'kane-dynamics: error: {text}', file=sys.stderr)
+        print(f'kane-dynamics: error: {_text_of(error)}', file=sys.stderr)
         return INVALID
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -125,36 +110,18 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if code is None else int(code)
 
 
-def _options(parser: argparse.ArgumentParser,
-             arguments: list[str]) -> argparse.Namespace:
-    """
-    Return the options; `unknown` has the arguments that the command does not know.
-
-    argparse reads a negative number like -1e-3 as an option, unless it begins with a
-    blank.
-    """
-    words = []
-    for argument in arguments:
-        # A blank before negative numbers keeps them from being read as options.
-        is_negative = argument.startswith('-') and _is_number(argument)
-        words.append(f' {argument}' if is_negative else argument)
-    if arguments[0].startswith('-') and arguments[0] not in ('-h', '--help'):
-        parser.error(f"'{arguments[0]}' before the command; expected one of "
-                     f'{", ".join(COMMANDS)}, or --help, --version')
-    options, unknown = parser.parse_known_args(words)
-    options.unknown = unknown
-    for name, value in vars(options).items():
-        setattr(options, name, _without_blanks(value))
-    return options
-
-
-def _without_blanks(value: Any) -> Any:
-    """Return a value of an option without the blanks before negative numbers."""
-    if isinstance(value, list):
-        return list(map(_without_blanks, value))
-    if isinstance(value, str) and value.startswith(' -') and _is_number(value[1:]):
-        return value[1:]
-    return value
+def _stated(command: argparse.ArgumentParser | None,
+            arguments: Sequence[str]) -> dict[str, str]:
+    """Return the options among the arguments, as they are written, by their names."""
+    stated: dict[str, str] = {}
+    if command is None:
+        return stated
+    for word in arguments:
+        flag = word.partition('=')[0]
+        action = command._option_string_actions.get(flag)
+        if action is not None:
+            stated[action.dest] = flag
+    return stated
 
 
 def _of_full_output(error: KaneError | OSError) -> bool:
@@ -174,117 +141,23 @@ def _text_of(error: KaneError | OSError) -> str:
 class _Parser(argparse.ArgumentParser):
     """Argument parser whose errors refer to --help instead of printing the whole usage."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **{**options, 'allow_abbrev': False})
+        self._negative_number_matcher = NEGATIVE  # argparse's own lacks -1e-3 and -1,-2
+
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with code 2."""
-        text = _as_expected(message)
-        self.exit(INVALID, f'kane-dynamics: error: {text}\nsee {self.prog} --help\n')
+        self.exit(INVALID, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 
-def _as_expected(message: str) -> str:
-    """Return an error of argparse in the form of the library: what was given, what is expected."""
-    message = re.sub(r'^argument (?:-\w/)?', '', message)
-
-    # Each pattern is one of argparse's messages.
-    choice = re.fullmatch(r"(.*?): invalid choice: '(.*?)' \(choose from (.*)\)",
-                          message)
-    if choice is not None:
-        name, value, listed = choice.groups()
-        choices = re.findall(r"'(.*?)'", listed)
-        near = difflib.get_close_matches(value, choices, 1)
-        if name == 'COMMAND' and value in COMMAND_SYNONYMS:
-            near = [COMMAND_SYNONYMS[value]]
-        hint = ''
-        if near:
-            hint = f'{near[0]}, or '
-        return f"{name}: '{value}'; expected {hint}one of {', '.join(choices)}"
-    number = re.fullmatch(r"(.*?): invalid (float|int) value: '(.*)'", message)
-    if number is not None:
-        kind = {'float': 'a number', 'int': 'an integer'}[number[2]]
-        return f"{number[1]}: '{number[3]}'; expected {kind}"
-    missing = re.fullmatch(r'the following arguments are required: (.*)', message)
-    if missing is not None:
-        expected = 'it'
-        if ', ' in missing[1]:
-            expected = 'all of them'
-        return f'{missing[1]}: missing; expected {expected}'
-    excluded = re.fullmatch(r'(.*?): not allowed with argument (.*)', message)
-    if excluded is not None:
-        return f'{excluded[1]}: given with {excluded[2]}; expected one of them'
-    return message
-
-
-def _command(parser: argparse.ArgumentParser, command: str) -> argparse.ArgumentParser:
-    """Return the parser of a command."""
-    commands: Any = next(action.choices for action in parser._actions
-                         if action.dest == 'command')
-    sub: argparse.ArgumentParser = commands[command]
-    return sub
-
-
-def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
-    """Return the options of a command."""
-    actions = _command(parser, command)._option_string_actions
-    return [flag for flag in actions if flag.startswith('--')]
-
-
-def _positionals(parser: argparse.ArgumentParser, command: str) -> list[str]:
-    """Return the names of the arguments of a command that are no options."""
-    return [str(action.metavar or action.dest).upper()
-            for action in _command(parser, command)._actions
-            if not action.option_strings]
-
-
-def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str) -> str:
-    """Return an error of the library with arguments named as options of the command."""
-    name = re.split(r'\W', text, maxsplit=1)[0]
-    flag = '--' + name.replace('_', '-')
-    if flag in _flags(parser, command):
-        text = flag + text[len(name):]
-    return in_options(text)
-
-
-def _refuse_unknown(parser: argparse.ArgumentParser,
-                    options: argparse.Namespace) -> NoReturn:
-    """Exit with an error for unknown options; the message names the closest option."""
-    flags = _flags(parser, options.command)
-    # The first option, which a value may precede.
-    first = options.unknown[0]
-    for word in reversed(options.unknown):
-        if word.startswith('--'):
-            first = word
-    synonym = SYNONYMS.get(first.lstrip('-').replace('_', '-').lower())
-    nearest = difflib.get_close_matches(first, flags, 1)
-    if f'--{synonym}' in flags:
-        nearest = [f'--{synonym}']
-    hint = 'expected no further ones'
-    positional = first.lstrip('-').upper()
-    if positional in _positionals(parser, options.command):
-        hint = f'expected {positional} without --{first.lstrip("-")}'
-    elif first == '--payload' and '--supplement' in flags:
-        hint = "expected --supplement FILE with the entry 'payload'"
-    elif nearest:
-        hint = f'expected {nearest[0]}?'
-    _command(parser, options.command).error(
-        f'unrecognized arguments: {" ".join(options.unknown)}; {hint}')
-
-
-def _is_number(text: str) -> bool:
-    """Return whether an argument is one number, or several separated by commas."""
-    parts = [part for part in text.split(',') if part]
-    try:
-        for part in parts:
-            float(part)
-    except ValueError:
-        return False
-    return bool(parts)
-
-
-def _parser(chosen: str) -> argparse.ArgumentParser:
-    """Return the parser of all commands, with the arguments of the chosen one."""
+def parsers(chosen: str
+             ) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser | None]:
+    """Return the parser of all commands, and that of the chosen one with its arguments."""
     parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's "
                      'method, compiled for one robot at a time.')
     parser.add_argument('--version', action='store_true', help='print the version')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    command = None
     # Only the chosen command needs its arguments, some of which import much.
     for name, (text, function) in COMMANDS.items():
         sub = parsers.add_parser(name, help=text, description=f'{text}.',
@@ -292,6 +165,8 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
                                  formatter_class=argparse.RawDescriptionHelpFormatter,
                                  add_help=name != 'demo')
         sub.set_defaults(run=function)
-        if name == chosen and name in ADD:
-            ADD[name](sub)
-    return parser
+        if name == chosen:
+            command = sub
+            if name in ADD:
+                ADD[name](sub)
+    return parser, command

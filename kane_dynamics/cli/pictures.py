@@ -13,9 +13,6 @@ from kane_dynamics.simulation.trajectory import Trajectory
 def plotter(options: Namespace) -> Any:
     """Return the plot module, or None without --plot; raise InputError for invalid options."""
     if options.plot is None:
-        if options.plot_of is not None:
-            raise InputError(f"--plot-of: '{options.plot_of}' without --plot; expected "
-                             '--plot FILE')
         return None
     if options.plot_of == 'tracking' and options.motion is None:
         raise InputError('--plot-of: tracking without --motion; expected --motion FILE, '

@@ -10,7 +10,6 @@ from typing import Any, TextIO
 import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import ModelWarning, UnusedWarning
 import numpy as np
 
@@ -45,7 +44,7 @@ def model_warnings(collected: list[str] | None = None, *, verbose: bool = False
         finally:
             # Collected for JSON, or printed; long lists are shortened by default.
             for record in records:
-                text = in_options(str(record.message))
+                text = str(record.message)
                 if collected is not None:
                     collected.append(text)
                 elif verbose:
@@ -66,9 +65,9 @@ def printed_warnings(*, verbose: bool = False) -> Iterator[None]:
         if not issubclass(category, ModelWarning):
             former(message, category, filename, lineno, file, line)
         elif verbose:
-            warn(in_options(str(message)))
+            warn(str(message))
         elif not issubclass(category, UnusedWarning):
-            warn(brief(in_options(str(message))))
+            warn(brief(str(message)))
 
     # Warnings of other libraries are shown as before.
     with warnings.catch_warnings():

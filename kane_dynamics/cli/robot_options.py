@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+import os
 import sys
 from typing import Any
 
@@ -83,9 +84,23 @@ def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model and the arguments of Robot."""
     if is_mjcf(options.urdf):
         return _chosen_mjcf(options)
+    _note_unused_files(options)
     model = load_urdf(source_of(options), supplement=options.supplement,
                       **selection(options))
     return model, {'friction': not options.no_friction, **constraints_of(options)}
+
+
+def _note_unused_files(options: Namespace) -> None:
+    """Print the supplement and the constraints that lie next to the URDF and are not used."""
+    urdf = options.urdf
+    if not isinstance(urdf, str) or urdf.lstrip().startswith('<'):
+        return
+    stem = urdf.removesuffix('.urdf')
+    for name in ('supplement', 'constraints'):
+        path = f'{stem}.{name}.yaml'
+        if getattr(options, name, path) is None and os.path.exists(path):
+            print(f"kane-dynamics: note: '{path}' is not used; --{name} {path} uses it",
+                  file=sys.stderr)
 
 
 def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
@@ -295,3 +310,8 @@ def split(tokens: Iterable[str]) -> list[str]:
     """Return arguments that are separated by spaces or commas."""
     parts = ','.join(tokens).split(',')
     return [part.strip() for part in parts if part.strip()]
+
+
+def one_or_all(values: list[float]) -> float | list[float]:
+    """Return one number for all joints, or one for each."""
+    return values[0] if len(values) == 1 else values

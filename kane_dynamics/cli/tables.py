@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics._util.checks import increasing
-from kane_dynamics._util.text import SHORT
+from kane_dynamics._util.file_kinds import seems
+from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.cli.arguments import STEP
+from kane_dynamics.cli.printing import warn
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
@@ -32,6 +34,7 @@ import numpy as np
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')
 MOST_SAMPLES = 1_000_000
+TRAVEL = 0.1  # rad or m: smaller motions are not compared with their speeds
 State = tuple[Array, Array, Array]
 Rows = tuple[Array | None, State]
 MESSAGE = ('joint_names', 'points', 'header')  # of trajectory_msgs/JointTrajectory
@@ -40,8 +43,9 @@ POINT = ('positions', 'velocities', 'accelerations', 'time_from_start', 'effort'
 
 @dataclass(frozen=True)
 class States:
-    """Rows of a file for the chosen joints: t is (K,), the others (K, n); None if missing."""
+    """Rows of a file for the chosen joints: t is (K,), q to tau are (K, n); None if missing."""
 
+    header: tuple[str, ...] = ()
     t: Array | None = None
     q: Array | None = None
     u: Array | None = None
@@ -89,7 +93,7 @@ def _read_points(path: str | Path, joint_names: Sequence[str]
     states = read_states(path, joint_names)
     if states.t is None or states.q is None:
         raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a "
-                         'motion')
+                         f'motion, found {listing(states.header, 12)}')
     return joint_names, states.t, [states.q, states.u, states.udot]
 
 
@@ -126,7 +130,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     for k, name in enumerate(header):
         if name in ('t', 'time') and t is None:
             t = _numbers(path, lines, [k])[:, 0]
-    return States(t, **tables)
+    return States(tuple(header), t, **tables)
 
 
 def _columns_of(path: str | Path, header: list[str], quantity: str,
@@ -176,6 +180,7 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
     if step is None:
         rows = complete_rows(path, joint_names)
         if rows is not None:
+            _warn_of_speeds(path, rows, joint_names)
             return rows
         step = STEP if _is_yaml(path) else math.inf
     return sampled_motion(read_motion(path, joint_names), step)
@@ -191,6 +196,24 @@ def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
     if states.t is not None:
         increasing(states.t, len(states.q), f"{path}: column 't'")
     return states.t, (states.q, states.u, states.udot)
+
+
+def _warn_of_speeds(path: str, rows: Rows, joint_names: Sequence[str]) -> None:
+    """Warn of joints whose speeds are not the changes of their positions over time."""
+    t, (q, u, _) = rows
+    if t is None or len(t) < 2:
+        return
+    travel = np.abs(np.diff(q, axis=0)).sum(axis=0)
+    mean_speed = 0.5 * np.abs(u[1:] + u[:-1])
+    travel_of_speeds = np.diff(t) @ mean_speed
+    # Coarse rows may miss half of a motion, not most of it.
+    other = (travel > TRAVEL) & ((travel_of_speeds < 0.5 * travel)
+                                 | (travel_of_speeds > 2.0 * travel))
+    if other.any():
+        j = int(np.argmax(other))
+        warn(f"{path}: speeds of '{joint_names[j]}' move it by {travel_of_speeds[j]:.3g}, its "
+             f'positions by {travel[j]:.3g} rad or m; expected speeds that are the '
+             'derivative of the positions')
 
 
 def sampled_motion(motion: Motion, step: float) -> Rows:
@@ -340,11 +363,14 @@ def _seconds(value: Any, what: str) -> float:
 def _text(path: str | Path) -> str:
     """Return the text of a file, or raise InputError."""
     try:
-        return Path(path).read_text(encoding='utf-8-sig')
+        data = Path(path).read_bytes()
+        kind = seems(data)
+        if not kind.startswith(('a CSV', 'text', 'an empty')):
+            raise InputError(f'{path}: seems to be {kind}; expected a CSV file, or a YAML or '
+                             'npz file with this ending')
+        return data.decode('utf-8-sig')
     except FileNotFoundError:
         raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV, YAML or '
                          'npz file') from None
     except OSError as error:
         raise InputError(f'{path}: {error.strerror}; expected a readable file') from None
-    except UnicodeDecodeError:
-        raise InputError(f'{path}: not UTF-8; expected text in UTF-8') from None

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
+from kane_dynamics._util.text import listing
 from kane_dynamics.cli.tables import read_states, read_yaml_points
 from kane_dynamics.control.trajectory_feedforward import FilledTrajectory
 from kane_dynamics.errors import InputError
@@ -56,7 +57,7 @@ def read_points(path: str, joint_names: Sequence[str],
     states = read_states(path, names)
     if states.t is None or states.q is None:
         raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a "
-                         'motion')
+                         f'motion, found {listing(states.header, 12)}')
     return [Points(names, states.t, (states.q, states.u, states.udot))]
 
 

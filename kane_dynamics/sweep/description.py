@@ -244,6 +244,9 @@ class Sweep:
                 raise InputError(f'controller: {name}, which {", ".join(sorted(kinds))} '
                                  f'{carries} a payload does not use; expected no such '
                                  'key')
+        if self.motion is not None and kinds == {NONE}:
+            raise InputError('motion: given without a controller; expected both, or q0 and '
+                             'u0 as the start of arms that move freely')
         # Every combination of the grids has as many samples.
         grids = math.prod(len(value.numbers) for value in values if value.kind == 'grid')
         if self.samples % grids:

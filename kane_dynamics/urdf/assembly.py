@@ -40,6 +40,7 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
     _note_masses(tree, moving, riders, notices)
     _note_locked(selection, notices)
     _note_payload(supplement, moving, notices)
+    _note_rest(supplement, moving, notices)
 
     # The coordinates: the free joints, outward from the base or in the order that is
     # asked for.
@@ -80,6 +81,14 @@ def _note_locked(selection: Selection, notices: Notices) -> None:
         if is_stated and not inside:
             notices.locked_outside.append(
                 f'{name} at {position:g} ({limits.lower:g} to {limits.upper:g})')
+
+
+def _note_rest(supplement: Supplement, moving: Moving, notices: Notices) -> None:
+    """Note springs of revolute joints that rest beyond two turns, as angles in degrees do."""
+    for single, _ in moving:
+        rest = supplement.joints.get(single.name, {}).get('rest', 0.0)
+        if single.kind != 'prismatic' and abs(rest) > DEGREES:
+            notices.degree_rest.append(f'{single.name} {rest:g}')
 
 
 def _note_payload(supplement: Supplement, moving: Moving, notices: Notices) -> None:
@@ -179,7 +188,7 @@ def _check_inertia(link: str, inertial: Inertial, notices: Notices) -> None:
         if notices.strict:
             notices.fault(ModelError(
                 f"link '{link}': <inertia> has principal moments {moments}; expected no "
-                'negative moment, or strict=False to load it'))
+                'negative moment, or strict=False (--no-strict) to load it'))
         notices.indefinite.append(link)
         return
     if inertial.mass > 0.0 and moments.singular:

@@ -15,6 +15,7 @@ import re
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from kane_dynamics._util.file_kinds import seems
 from kane_dynamics.errors import InputError, UrdfError
 from kane_dynamics.urdf.xacro_file import expand_xacro, SUFFIX
 
@@ -27,6 +28,9 @@ BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
 ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
 ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d',
                        re.I)
+# Other encodings than UTF-8 look like binary files.
+MAY_BE_XML = ('a URDF', 'an MJCF file', 'an SDF file', 'XML', 'a binary file',
+              'an empty file')
 UNREAD = ('visual',
           'collision', 'material')  # appearance only; meshes and textures are not opened
 
@@ -74,7 +78,11 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
         return expand_xacro(source)
     try:
         path = f'source: {_short_path(os.fspath(source))}'
-        text = _decode(Path(source).read_bytes(), path)
+        data = Path(source).read_bytes()
+        kind = seems(data)
+        if kind not in MAY_BE_XML:
+            raise UrdfError(f'{path}: seems to be {kind}; expected a URDF')
+        text = _decode(data, path)
         if not text.strip():
             raise UrdfError(f'{path}: an empty file; expected a URDF')
         return text
@@ -82,12 +90,12 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
         if isinstance(error, UrdfError):
             raise
         if isinstance(error, FileNotFoundError):
-            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected '
-                            'the path of a URDF file, or its XML as str or '
-                            'bytes') from None
+            kind = 'an address' if '://' in os.fspath(source) else 'no such file'
+            raise UrdfError(f'{kind}: {_short_path(os.fspath(source))}; expected '
+                            'the path of a URDF file, or its XML') from None
         reason = error.strerror if isinstance(error, OSError) else error
         raise UrdfError(f'source: {_short_path(os.fspath(source))}: {reason}; expected '
-                        'the path of a URDF file, or its XML as str or bytes') from None
+                        'the path of a URDF file, or its XML') from None
 
 
 def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:

@@ -46,11 +46,12 @@ class Notices:
     degree_rpy: Names = _kind(DEGREES)
     locked_outside: Names = _kind('locked positions outside the limits; expected rad or '
                                   'm: degrees?')
+    degree_rest: Names = _kind('rest of springs beyond two turns; expected rad: degrees?')
     far_payload: Names = _kind('payload of the supplement whose center of mass is '
                                'farther from its frame than all links reach in one '
                                'line; expected m')
     indefinite: Names = _kind('links whose inertia has a negative principal moment; '
-                              'used unchanged because of strict=False')
+                              'used unchanged because of strict=False (--no-strict)')
     triangle: Names = _kind('links whose inertia is impossible: a principal moment '
                             'exceeds the sum of the other two')
     singular: Names = _kind('links with mass and a principal moment of inertia of zero')

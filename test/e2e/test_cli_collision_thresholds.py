@@ -72,4 +72,4 @@ def test_uncertain_parameters_raise_the_thresholds(recording, capsys):
 
 def test_an_invalid_margin_is_named_as_an_option(recording, capsys):
     assert main(['collision-thresholds', URDF, recording, '--margin', '1']) == 2
-    assert '--margin: 1.0; expected a number of at least 1.25' in capsys.readouterr().err
+    assert 'margin: 1.0; expected a number of at least 1.25' in capsys.readouterr().err

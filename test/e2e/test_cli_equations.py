@@ -7,7 +7,6 @@ import subprocess
 import sys
 
 from command_in_process import command
-import pytest
 import sympy as sp
 
 URDF = Path(__file__).resolve().parents[2] / 'urdf'
@@ -124,9 +123,6 @@ def test_the_table_of_partial_velocities_is_csv_and_markdown():
     assert rows[1] == '| 2 | 0 | 0 | (0, 0, 1) | (0, r2, 0) |'
 
 
-@pytest.mark.parametrize('options, words', [
-    ((), '6 coordinates; expected 1 to 4'),
-    (('--latex', '--csv'), 'expected one of them')])
-def test_invalid_options_of_equations_are_refused(options, words):
-    done = equations('ur10e', *options)
-    assert done.returncode == 2 and words in done.stderr and done.stdout == ''
+def test_equations_of_many_joints_are_refused():
+    done = equations('ur10e')
+    assert done.returncode == 2 and '6 coordinates; expected 1 to 4' in done.stderr

@@ -48,7 +48,7 @@ def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
     (tmp_path / 'motion.csv').write_text(MOTION)
     process = subprocess.Popen(
         [sys.executable, '-m', 'kane_dynamics.cli', 'view', str(URDF), '--no-open',
-         '--port', '0', '--trajectory', str(tmp_path / 'motion.csv')],
+         '--port', '0', '--motion', str(tmp_path / 'motion.csv')],
         stdout=subprocess.PIPE, text=True)
     with process, ExitStack() as ending:
         ending.callback(process.terminate)
@@ -79,7 +79,7 @@ def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
     assert (np.abs(again - first).max(axis=-1) > 0.1).mean() < 0.1 * moved
 
 
-@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']],
+@pytest.mark.parametrize('what', [[], ['--motion', 'motion.csv']],
                          ids=['still', 'moving'])
 def test_an_exported_page_is_whole_without_a_server(tmp_path, what, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -91,7 +91,7 @@ def test_an_exported_page_is_whole_without_a_server(tmp_path, what, monkeypatch,
     assert 'src="http' not in page and 'href="http' not in page
 
 
-@pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']],
+@pytest.mark.parametrize('what', [[], ['--motion', 'motion.csv']],
                          ids=['still', 'moving'])
 def test_an_exported_page_has_legend_units_torques_limits_and_joints(
         tmp_path, what, monkeypatch):
@@ -139,7 +139,7 @@ def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_
         assert page.evaluate(cells) == held
         assert page.errors == []
     assert float(held[1]) == pytest.approx(robot.gravity_force(np.zeros(2))[0], rel=5e-3)
-    assert main(['view', str(URDF), '--trajectory', str(tmp_path / 'motion.csv'),
+    assert main(['view', str(URDF), '--motion', str(tmp_path / 'motion.csv'),
                  '--export', str(shown)]) == 0
     with browser(shown.as_uri()) as page:
         page.wait(f"{player} && document.getElementById('time').innerText > 0.3")

@@ -6,9 +6,8 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
-from kane_dynamics.cli.arguments import HARMONIC_OPTIONS
 from kane_dynamics.cli.printing import model_warnings, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load_robot, source_of
+from kane_dynamics.cli.robot_options import load_robot, one_or_all, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.clearance import DISTANCE
@@ -25,7 +24,6 @@ BAD_CONDITION = 1e3  # of the base parameters' equations, columns scaled to unit
 
 def excitation(options: Namespace) -> int:
     """Write an exciting motion for `identify`; return 1 if its links come nearer than stated."""
-    _refuse_unused(options)
     model, _ = load_robot(options)
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
@@ -34,7 +32,7 @@ def excitation(options: Namespace) -> int:
     # afterwards.
     with model_warnings():
         shapes = load_collision_shapes(source_of(options))
-    distance_stated = 'distance' in options
+    distance_stated = 'distance' in options.stated
     distance = options.distance if distance_stated else DISTANCE
     if options.friction:
         return _friction(options, model, shapes, distance)
@@ -43,8 +41,8 @@ def excitation(options: Namespace) -> int:
             model, duration=options.duration, harmonics=options.harmonics,
             periods=options.periods, seed=options.seed, starts=options.starts,
             share=options.share, floor=options.floor, distance=distance, shapes=shapes,
-            velocity=_one_or_all(options.velocity),
-            acceleration=_one_or_all(options.acceleration), progress=progress)
+            velocity=one_or_all(options.velocity),
+            acceleration=one_or_all(options.acceleration), progress=progress)
     _write(motion, options.out, options.rate)
 
     # The motion is written in any case; a distance that was stated but missed is an error.
@@ -63,18 +61,6 @@ def excitation(options: Namespace) -> int:
     else:
         _print_data(data)
     return 0 if too_near is None else 1
-
-
-def _refuse_unused(options: Namespace) -> None:
-    """Raise InputError for an option that the chosen kind of motion does not use."""
-    if not options.friction:
-        if options.loads is not None:
-            raise InputError('--loads: given without --friction; expected both')
-        return
-    for name, default in HARMONIC_OPTIONS.items():
-        if getattr(options, name) != default:
-            raise InputError(f'--friction: given with --{name}; expected it without '
-                             f'--{name}')
 
 
 def _friction(options: Namespace, model: Model, shapes: Sequence[LinkShape],
@@ -124,11 +110,6 @@ def bad_condition(motion: Excitation) -> str | None:
     return (f'condition number: {motion.condition:.3g}; expected at most '
             f'{BAD_CONDITION:g} for accurate inertial parameters: a longer motion, more '
             'harmonics or starts, higher limits')
-
-
-def _one_or_all(values: list[float]) -> float | list[float]:
-    """Return one number for all joints, or one for each."""
-    return values[0] if len(values) == 1 else values
 
 
 def _write(motion: Excitation, path: str, rate: float) -> None:

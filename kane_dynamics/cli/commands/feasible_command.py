@@ -8,7 +8,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_files, print_json, print_table
-from kane_dynamics.cli.robot_options import load_rigid, uncertainty_of, warn_degrees
+from kane_dynamics.cli.robot_options import (load_rigid, one_or_all, uncertainty_of,
+                                             warn_degrees)
 from kane_dynamics.cli.tables import (QUANTITIES, read_motion, read_smooth_motion,
                                       write_states)
 from kane_dynamics.errors import InputError
@@ -30,12 +31,8 @@ def feasible(options: Namespace) -> int:
     plot = pictures.plotter(options)  # errors early
     robot, bending = load_rigid(options, payload_frame=options.payload_frame)
     motion = _motion(options, robot)
-    power = _one_or_all(options.power)
+    power = one_or_all(options.power)
     uncertainty = uncertainty_of(options, robot.model)
-    if uncertainty is not None and options.payload_frame:
-        raise InputError('--uncertain: given with --payload-frame; expected --uncertain '
-                         'alone, because the largest payload takes the parameters of the '
-                         'model as exact')
     # A path without its timing is another question, with a result of its own.
     if options.time_optimal:
         if bending is not None:
@@ -88,11 +85,6 @@ def _motion(options: Namespace, robot: Robot) -> Motion | SmoothMotion:
     whole[:, list(map(robot.joint_names.index, links))] = positions
     warn_degrees(robot, with_motors_at_links(robot.model, whole), options.motion)
     return smooth
-
-
-def _one_or_all(values: list[float]) -> float | list[float]:
-    """Return one number for all joints, or one for each."""
-    return values[0] if len(values) == 1 else values
 
 
 def _hopeless(robot: Robot, motion: Motion | SmoothMotion, conditions: dict[str, Any]) -> str:
@@ -216,16 +208,10 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
                plot: Any, power: Any, uncertainty: Uncertainty | None) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
-    # Options of the check at a stated speed.
-    if options.speed != 1.0:
-        raise InputError('--speed: given with --time-optimal; expected one of them')
-    if options.payload_frame is not None:
-        raise InputError('--payload-frame: given with --time-optimal; expected one of '
-                         'them')
     timing = time_optimal(robot, motion, power=power,
-                          acceleration=_one_or_all(options.acceleration),
-                          jerk=_one_or_all(options.jerk),
-                          torque_rate=_one_or_all(options.torque_rate),
+                          acceleration=one_or_all(options.acceleration),
+                          jerk=one_or_all(options.jerk),
+                          torque_rate=one_or_all(options.torque_rate),
                           uncertainty=uncertainty)
     # The files come before the print, which names them.
     data = timing_data(timing, motion)

@@ -7,7 +7,7 @@ from typing import Any
 
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load_rigid, warn_degrees
+from kane_dynamics.cli.robot_options import load_rigid, one_or_all, warn_degrees
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import NO_TERM, Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
@@ -98,13 +98,10 @@ def _warn_of_degrees(robot: Robot, points: Any, file: str) -> None:
 def _filled(options: Namespace, robot: Robot, bending: QuasiStatic | None,
             points: Any) -> FilledTrajectory:
     """Return one filled trajectory."""
-    tolerance = options.tolerance
-    if tolerance is not None and len(tolerance) == 1:
-        tolerance = tolerance[0]
     return fill_trajectory(
         robot, points.times, *points.rows, joint_names=points.joint_names,
         rest=options.pose,
-        tolerance=tolerance, compensate=Terms(**dict.fromkeys(options.without, False)),
+        tolerance=options.tolerance and one_or_all(options.tolerance), compensate=Terms(**dict.fromkeys(options.without, False)),
         clip=options.clip, bending=bending)
 
 

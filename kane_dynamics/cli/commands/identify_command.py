@@ -13,8 +13,8 @@ from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import as_json, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import (every_joint, load_robot, source_of,
-                                             warn_degrees)
+from kane_dynamics.cli.robot_options import (every_joint, load_robot, one_or_all,
+                                             source_of, warn_degrees)
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.drives.drive_recording import read_drive_recording
@@ -35,7 +35,7 @@ from kane_dynamics.identification.result_files import (six, written, written_dri
                                                        written_payload)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
-from kane_dynamics.model.model import Model
+from kane_dynamics.model.model import Model, with_payload
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -60,13 +60,10 @@ def identification(options: Namespace) -> None:
     if options.drives:
         _identify_drives(options)
         return
-    if any(x is not None for x in (options.ratio, options.skew, options.segments)):
-        raise InputError('--ratio, --skew or --segments: given without --drives; expected '
-                         'both')
     # A missing library is an error before the fit, which may take minutes.
     plot = pictures.plotter(options)  # errors early
     model, robot = load_robot(options)
-    if options.payload and not options.base_parameters:
+    if options.payload:
         fit, printed, title = _fit_payload, print_payload, 'of the arm with its payload'
         outcome = fit(options, robot)
     else:
@@ -92,10 +89,7 @@ def identification(options: Namespace) -> None:
 
 
 def _require_tree_torques(options: Namespace) -> None:
-    """Raise InputError for options that only the fit of a payload takes."""
-    if options.constraints:
-        raise InputError('--constraints: given without --payload or --drives; expected one '
-                         'of them, as the other fits take recordings of trees')
+    """Raise InputError for efforts that only the fit of a payload takes."""
     if stated_efforts(options).kind is EffortKind.EXTERNAL_TORQUE:
         raise InputError('--efforts external_torque: excludes the torques of the arm itself, '
                          'which are identified; expected other efforts, or --payload')
@@ -146,8 +140,9 @@ def _warn_locked(path: str, locked: Sequence[str]) -> None:
 
 def stated_efforts(options: Namespace) -> Efforts:
     """Return the meaning of the efforts of a recording, by the options."""
+    constants = options.torque_constants and one_or_all(options.torque_constants)
     return Efforts(options.efforts or EffortKind.MOTOR_TORQUE,
-                   not options.efforts_without_gravity, options.torque_constants)
+                   not options.efforts_without_gravity, constants)
 
 
 def examined_recording(options: Namespace, model: Model) -> Recording:
@@ -158,16 +153,21 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     """
     efforts = stated_efforts(options)
     recording = efforts.applied(Robot(model), recorded(options, model))
+    _examine(options, model, recording)
+    return recording
+
+
+def _examine(options: Namespace, model: Model, recording: Recording) -> None:
+    """Print warnings of a recording; raise InputError if it contradicts the model."""
     # Faults that no fit corrects are errors, the others warnings.
     refused = () if options.as_recorded else ('impossible', 'wrong')
     try:
         faults = refuse_faulty(model, recording, refused,
-                               gravity_added=not efforts.gravity)
+                               gravity_added=options.efforts_without_gravity)
     except InputError as error:
         raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for fault in faults:
         warn(fault.words)
-    return recording
 
 
 def _without_doubtful_gravity(options: Namespace,
@@ -190,8 +190,6 @@ def _without_doubtful_gravity(options: Namespace,
 
 def _fit_model(options: Namespace, model: Model) -> Outcome:
     """Identify a model, and write --out."""
-    if options.unbounded and not options.friction_only:
-        raise InputError('--unbounded: given without --friction-only; expected both')
     # Efforts may lack the weight that the arm compensates: the fit takes it into
     # account.
     model, recording = _without_doubtful_gravity(options, model)
@@ -342,10 +340,6 @@ def write_model(source: str | bytes, model: Model, out: str) -> tuple[str, str]:
 @on_one_processor
 def _fit_base(options: Namespace, model: Model) -> Outcome:
     """Estimate base parameters by weighted least squares."""
-    _refuse_unused(options, '--base-parameters')
-    if options.out or options.payload:
-        raise InputError('--base-parameters: given with --out or --payload; expected '
-                         'neither, since base parameters are no model')
     model, recording = _without_doubtful_gravity(options, model)
     data = rows(model, recording, options.standstill)
     # Fitted to the first half, judged by the second.
@@ -376,38 +370,15 @@ def print_base(data: dict[str, Any]) -> None:
     _print_files(data)
 
 
-def _refuse_unused(options: Namespace, kind: str) -> None:
-    """Raise InputError if an option is given that the chosen kind of fit does not use."""
-    unused = {'--friction-only': options.friction_only, '--unbounded': options.unbounded,
-              '--weight': options.weight is not None,
-              '--no-friction': options.no_friction}
-    for name, present in unused.items():
-        if present:
-            raise InputError(f'{kind}: given with {name}; expected it without {name}')
-
-
 # Drives of elastic joints.
 
 def _identify_drives(options: Namespace) -> None:
     """Identify the drives of elastic joints; print them, and write --out."""
-    _refuse_unused(options, '--drives')
-    # Options of other fits would be ignored, so that they are refused.
-    others = {'--payload': options.payload, '--base-parameters': options.base_parameters,
-              '--derive-speeds': options.derive_speeds,
-              '--cutoff': options.cutoff, '--resample': options.resample,
-              '--topic': options.topic, '--plot': options.plot,
-              '--efforts': options.efforts}
-    for name, value in others.items():
-        if value:
-            raise InputError(f'--drives: given with {name}; expected it without {name}')
     if options.out and not options.out.endswith(('.yaml', '.yml')):
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
                          'since with --drives it is a supplement')
     _, robot = load_robot(options)
-    # One ratio serves all joints.
-    ratio = np.array(options.ratio or 1.0)
-    if ratio.shape == (1,):
-        ratio = ratio[0]
+    ratio = np.array(one_or_all(options.ratio or [1.0]))
     # With closed loops, the joints with drives are those with actuators.
     recording = read_drive_recording(options.recording, recorded_joints(robot), ratio)
     segments = 1 if options.segments is None else options.segments
@@ -489,10 +460,17 @@ def _print_curve(joint: str, curve: Mapping[str, Sequence[float]]) -> None:
 
 def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
     """Identify a payload, and write --out."""
-    _refuse_unused(options, '--payload')
     names = recorded_joints(robot)
-    recording = _payload_recording(options, robot, names)
-    payload = identify_payload(robot, recording, options.payload)
+    recording = stated_efforts(options).applied(robot,
+                                                recorded(options, robot.model, names))
+    # The torques of single joints of a loop are not those of the tree.
+    if robot.constraint_names:
+        q = np.zeros((len(recording), robot.n_q))
+        q[:, list(map(robot.joint_names.index, names))] = recording.q
+        warn_degrees(robot, q, options.recording)
+        payload = identify_payload(robot, recording, options.payload)
+    else:
+        payload = _examined_payload(options, robot, recording)
     if options.out:
         _write_payload(options, payload)
     data = {**payload_data(payload, options.payload), 'joint_names': list(names),
@@ -505,18 +483,23 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
     return Outcome(data, recording.t, recording.tau, computed)
 
 
-def _payload_recording(options: Namespace, robot: Robot,
-                       names: Sequence[str]) -> Recording:
-    """Return the recording of the arm with its payload, examined where the arm is a tree."""
-    if not robot.constraint_names:
-        return examined_recording(options, robot.model)
-    # The torques of single joints of a loop are not those of the tree.
-    recording = stated_efforts(options).applied(robot,
-                                                recorded(options, robot.model, names))
-    q = np.zeros((len(recording), robot.n_q))
-    q[:, list(map(robot.joint_names.index, names))] = recording.q
-    warn_degrees(robot, q, options.recording)
-    return recording
+def _examined_payload(options: Namespace, robot: Robot, recording: Recording) -> Payload:
+    """Return the payload of a tree after a check of the recording with this payload."""
+    model = robot.model
+    try:
+        payload = identify_payload(robot, recording, options.payload)
+    except InputError:
+        _examine(options, model, recording)  # a fault of the recording is the reason
+        raise
+    # The empty arm does not describe the torques of a loaded one.
+    _examine(options, with_payload(model, options.payload, payload.inertial), recording)
+    mass = payload.inertial.mass
+    moving_mass = sum(body.inertial.mass for body in model.bodies)
+    if mass > moving_mass and not options.as_recorded:
+        raise InputError(f'recording: {mass:.4g} kg of payload, more than the {moving_mass:.4g} '
+                         'kg of the arm that move; expected efforts in N m or N '
+                         '(--as-recorded fits it unchanged)')
+    return payload
 
 
 def _write_payload(options: Namespace, payload: Payload) -> None:

@@ -51,9 +51,6 @@ def inspect(options: Namespace) -> int:
 
 def _comparison(options: Namespace) -> dict[str, Any]:
     """Return the comparison of the chosen robot with Pinocchio."""
-    if options.constraints:
-        raise InputError('--against: given with --constraints; expected one of them, '
-                         'because Pinocchio reads no constraints from these files')
     # Pinocchio reads no supplement; friction is compared for neither.
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)

@@ -21,8 +21,6 @@ STILL = 1e-3  # rad or m: travel of a joint that rests, and the error with which
 def send(options: Namespace) -> int:
     """Send a motion to a running node, print the errors; return 1 if the arm did not follow."""
     sender = extra('kane_dynamics.ros.common.motion_sender', 'ros', 'send')
-    if (options.motion is None) == (options.by is None):
-        raise InputError('--motion, --by: expected one of them')
     if not 0.0 < options.duration < np.inf:
         raise InputError(f'--duration: {options.duration}; expected a positive, finite '
                          'time in s')

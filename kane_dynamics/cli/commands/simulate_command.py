@@ -11,7 +11,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
                                         print_table, without_rounding)
-from kane_dynamics.cli.robot_options import load_robot, positions, speed_vector, split
+from kane_dynamics.cli.robot_options import (load_robot, one_or_all, positions,
+                                             speed_vector, split)
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
@@ -34,9 +35,6 @@ class Plan(NamedTuple):
 
 def simulation(options: Namespace) -> None:
     """Simulate; save and plot on request; print a summary."""
-    if options.out and not options.out.endswith(('.npz', '.csv')):
-        raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or "
-                         '.csv')
     plot = pictures.plotter(options)  # errors early
     _, robot = load_robot(options)
     with model_warnings(verbose=options.verbose):
@@ -113,8 +111,8 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     if options.motion:
         motion = read_motion(options.motion, robot.speed_names)
         q_desired, u_desired, _ = motion.sample(0.0)
-        torque = ComputedTorque(robot, motion, _one_or_all(options.kp),
-                                _one_or_all(options.kd))
+        torque = ComputedTorque(robot, motion, one_or_all(options.kp),
+                                one_or_all(options.kd))
         if duration is None and motion.duration > 0.0 and options.step > 0.0:
             steps = math.ceil(motion.duration / options.step - 1e-6)
             duration = steps * options.step
@@ -129,11 +127,6 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     else:
         u0 = speed_vector(options, 'u0', robot)
     return Plan(positions(options, 'q0', robot, q_desired), u0, duration, torque)
-
-
-def _one_or_all(gains: list[float]) -> float | list[float]:
-    """Return one gain for all joints, or one for each."""
-    return gains[0] if len(gains) == 1 else gains
 
 
 def require_own_actuators(robot: Robot) -> None:

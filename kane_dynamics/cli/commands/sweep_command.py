@@ -12,7 +12,8 @@ from typing import Any
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
-from kane_dynamics.cli.printing import model_warnings, print_json, print_table
+from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
+                                        print_table)
 from kane_dynamics.cli.robot_options import load_robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.control.computed_torque import joints_that_follow
@@ -55,8 +56,8 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
         raise InputError(f'{path}: {error}') from None
 
 
-def sweep(options: Namespace) -> None:
-    """Run a sweep, or continue it, and print a summary of its table."""
+def sweep(options: Namespace) -> int:
+    """Run a sweep, or continue it, and print a summary; return 1 if all trials failed."""
     if options.plot is not None:
         plot = extra('kane_dynamics.plot', 'plot', '--plot')  # report errors early
         plot.check_path(options.plot)
@@ -73,6 +74,9 @@ def sweep(options: Namespace) -> None:
     if options.plot is not None:
         title = f'{described.robot.model.name}: sweep of {data["samples"]} trials'
         plot.plot_sweep(read_table(options.out).to_pydict(), options.plot, title=title)
+        if not options.json:
+            print_files([options.plot])
+    return 0 if data['ok'] else 1
 
 
 def _summary(folder: str, run: Summary, wall_time: float) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_json, print_table, without_rounding
 from kane_dynamics.cli.robot_options import (load_robot, positions, speed_vector,
                                              torque_size, warn_degrees)
-from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -18,20 +17,11 @@ import numpy as np
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or print or write those of a motion."""
     plot = pictures.plotter(options)  # errors early
-    if options.motion is None:
-        for name in ('out', 'plot', 'step'):
-            if getattr(options, name):
-                raise InputError(f'--{name}: given without --motion; expected it with '
-                                 '--motion only')
     _, robot = load_robot(options)
     if options.motion is None:
         _print_state(options, robot)
-        return
-    for name in ('q', 'u', 'udot'):
-        if getattr(options, name) is not None:
-            raise InputError('--motion: given with a state; expected no --q, --u and '
-                             '--udot with it')
-    _along_motion(options, robot, plot)
+    else:
+        _along_motion(options, robot, plot)
 
 
 def _along_motion(options: Namespace, robot: Robot, plot: Any) -> None:

@@ -7,15 +7,11 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.cli.printing import model_warnings, print_json
 from kane_dynamics.cli.robot_options import load_robot, source_of
 from kane_dynamics.cli.tables import load_trajectory
-from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.link_shapes import load_visuals
 
 
 def view(options: Namespace) -> None:
     """Serve the page until interrupted, or write it to a file."""
-    if options.export and not options.export.endswith('.html'):
-        raise InputError(f"--export: '{options.export}'; expected a name that ends in "
-                         '.html')
     page = extra('kane_dynamics.view', 'view', 'the view')  # report a missing extra early
     _, robot = load_robot(options)
     with model_warnings(verbose=options.verbose):

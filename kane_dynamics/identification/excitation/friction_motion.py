@@ -174,7 +174,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
             common_reason = f'; most others exceed {reasons.most_common(1)[0][0]}'
         raise InputError(f'loads: {loads}; expected at most {len(chosen)}, the number of '
                          f'configurations found that keep the limits{common_reason}: lower '
-                         'speeds, another share, reach or seed, or floor=None and '
+                         'speeds, another share, reach or seed, or no floor and '
                          'distance=None')
 
     # Strokes from rest to rest, through points without velocity and acceleration.
@@ -210,7 +210,7 @@ def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | 
         return Clearance(model, shapes, floor, distance)
     if floor is not None:
         raise InputError(f'floor: {floor:g} without shapes; expected '
-                         "shapes=load_collision_shapes('arm.urdf'), or floor=None")
+                         "shapes=load_collision_shapes('arm.urdf'), or no floor")
     if distance is not None:
         warnings.warn('shapes: None, so links are not kept apart; expected '
                       "shapes=load_collision_shapes('arm.urdf'), or distance=None",

@@ -188,7 +188,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         progress((k + 1) / starts)
     if not motions:
         raise InputError(f'motion: none satisfies {broken}; expected more starts, a '
-                         'lower share, other limits, or floor=None and distance=None')
+                         'lower share, other limits, or no floor and no distance (None)')
     # The least cost without a penalty: all of these keep the limits.
     best = min(motions, key=lambda p: design.cost(p, 0.0)[0])
     lowest = nearest = None

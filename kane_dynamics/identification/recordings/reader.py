@@ -8,7 +8,9 @@ from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.file_kinds import LONGEST, seems
 from kane_dynamics._util.npz import npz_arrays
+from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.bag import is_bag, read_bag
@@ -64,6 +66,9 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     if is_bag(file):
         columns: dict[str, Any] = {**read_bag(file, joint_names, topic),
                                    'joint_names': list(joint_names)}
+    elif topic is not None:
+        raise InputError(f"topic: '{topic}' for the file '{path}'; expected it for a bag "
+                         'only')
     else:
         columns = _read(file)
     t = _time(columns, path)
@@ -76,7 +81,8 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     for name in ('q', 'tau'):
         if quantities[name] is None:
             raise InputError(f"{path}: no '{name}'; expected a column for each joint, "
-                             f"the first named '{name}.{joint_names[0]}' or '{name}1'")
+                             f"the first named '{name}.{joint_names[0]}' or '{name}1', "
+                             f'found {listing(columns, 12)}')
     for name, value in quantities.items():
         if value is not None and len(value) != len(t):
             raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, "
@@ -158,8 +164,13 @@ def distinct(path: Any, names: Sequence[str]) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return the columns or arrays of a recording in a file, by name."""
+    unread: list[str] = []
+
     def is_column(name: str) -> bool:
-        return name in LABELS or bool(OURS.fullmatch(name))
+        known = name in LABELS or bool(OURS.fullmatch(name))
+        if not known:
+            unread.append(name)
+        return known
     try:
         if path.suffix != '.npz':
             return _csv(path)
@@ -173,7 +184,7 @@ def _read(path: Path) -> dict[str, Any]:
 
     # Labels stay text, all else are numbers.
     distinct(path, list(arrays))
-    columns: dict[str, Any] = {}
+    columns: dict[str, Any] = dict.fromkeys(unread)  # without content, for messages
     for name, array in arrays.items():
         if name in LABELS:
             columns[name] = array.astype(str).ravel().tolist()
@@ -184,6 +195,11 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _csv(path: Path) -> dict[str, Any]:
     """Return the columns of a CSV file by name."""
+    with path.open('rb') as binary:
+        kind = seems(binary.read(LONGEST + 1))
+    if not kind.startswith(('a CSV', 'text', 'an empty')):
+        raise InputError(f'{path}: seems to be {kind}; expected a CSV file, an npz file '
+                         'with this ending, or a ROS 2 bag')
     try:
         with path.open(encoding='utf-8-sig') as stream:
             header = [name.strip() for name in stream.readline().split(',')]

@@ -18,6 +18,7 @@ NAMES = ('q', 'u', 'udot', 'tau')
 STANDSTILL = 0.02  # rad/s or m/s: a joint that is no faster is at rest
 EVEN = 0.02  # relative deviation of time steps that are regarded as equal
 LOWEST_CUTOFF = 1e-4  # of the sampling rate: filters below it are singular to rounding
+MOST_RESAMPLING = 10  # rows for each recorded one
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
@@ -107,7 +108,8 @@ class Recording:
         Raises
         ------
         InputError
-            If the rate is not positive and finite, or too small for 3 rows.
+            If the rate is not positive and finite, too small for 3 rows, or more than 10
+            times the recorded one.
 
         """
         # Two rows at least, and no more than the duration has.
@@ -116,6 +118,11 @@ class Recording:
             raise InputError(f'rate: {rate:g} Hz; expected a finite number, '
                              f'{2.0 / duration:g} or more for a recording of '
                              f'{duration:g} s')
+        # More rows than that hold nothing more, and fill the memory.
+        recorded_rate = (len(self) - 1) / duration
+        if rate is not None and rate > MOST_RESAMPLING * recorded_rate:
+            raise InputError(f'rate: {rate:g} Hz for rows at {recorded_rate:.4g} Hz; expected '
+                             f'at most {MOST_RESAMPLING * recorded_rate:.4g} Hz')
         # As many rows as before, or as many as the rate has in the duration.
         if rate is None:
             t = np.linspace(self.t[0], self.t[-1], len(self))

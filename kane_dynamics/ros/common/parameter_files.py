@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from kane_dynamics._util.yaml_io import Loader
 from kane_dynamics.errors import InputError
 import yaml
 
@@ -23,7 +24,7 @@ def parameter_blocks(path: Path) -> dict[str, dict[str, Any]]:
     """
     try:
         # A file that cannot be read, is no text, or is no YAML: each has its reason.
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+        data = yaml.load(path.read_text(encoding='utf-8'), Loader)
     except (OSError, UnicodeDecodeError) as error:
         reason = 'no UTF-8 text'
         if isinstance(error, OSError):

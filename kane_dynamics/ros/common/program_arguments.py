@@ -154,6 +154,7 @@ def check_arguments(program: RosProgram, outside: Sequence[str],
                          f'expected {program.name} {ROS_ARGUMENTS} {_intended(outside)}')
     options = _options(ros_arguments)
     node = _node_name(program, options)
+    names = set()
     # Options of ROS are checked by ROS itself; those with files and values here.
     for option, value in options:
         if not option:
@@ -162,7 +163,11 @@ def check_arguments(program: RosProgram, outside: Sequence[str],
         if option == '--params-file':
             _check_file(program, Path(value), node)
         elif option in ('-p', '--param'):
-            _check_parameter(value, node)
+            name = _checked_parameter(value, node)
+            if name in names:
+                raise InputError(f"argument '-p {value}': parameter '{name}' given twice; "
+                                 'expected it once')
+            names.add(name)
 
 
 def _intended(outside: Sequence[str]) -> str:
@@ -231,12 +236,13 @@ def _check_file(program: RosProgram, path: Path, node: str) -> None:
                          f'{WILDCARD}')
 
 
-def _check_parameter(rule: str, node: str) -> None:
-    """Raise InputError if a parameter has no value, or is of another node."""
+def _checked_parameter(rule: str, node: str) -> str:
+    """Return the name of a parameter; InputError if it has no value or is of another node."""
     target, separator, _ = rule.partition(':=')
-    block, _, _ = target.rpartition(':')
+    block, _, name = target.rpartition(':')
     if not separator:
         raise InputError(f"argument '-p {rule}': without ':='; expected -p NAME:=VALUE")
     if block and not takes_effect(block, node) and block != node.rpartition('/')[2]:
         raise InputError(f"argument '-p {rule}': a parameter of node {block}; "
                          f'expected one of {node}')
+    return name

@@ -64,7 +64,7 @@ def test_inverse_kinematics_reaches_what_it_can_and_says_what_it_cannot(capsys):
 def test_a_warning_has_the_form_of_the_command_line_and_names_no_source(capsys):
     assert main(['inverse-kinematics', URDF, 'tool0', '--position', '500', '200',
                  '300']) == 1
-    line, = capsys.readouterr().err.splitlines()
+    _, line = capsys.readouterr().err.splitlines()  # behind a note of the supplement
     assert line.startswith('kane-dynamics: warning: target: 615')
     assert line.endswith('mm?')
 

@@ -106,7 +106,7 @@ def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     with pytest.raises(InputError, match='nosuch'):
         read_states(tmp_path / 'nosuch.csv', NAMES)
     (tmp_path / 'binary.csv').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(InputError, match='UTF-8'):
+    with pytest.raises(InputError, match='seems to be a binary file'):
         read_states(tmp_path / 'binary.csv', NAMES)
 
 

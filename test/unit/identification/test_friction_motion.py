@@ -99,18 +99,6 @@ def test_the_command_writes_the_motion(tmp_path):
 
 
 @pytest.mark.parametrize('options, words', [
-    (['--friction', '--duration', '20'], '--friction: given with --duration'),
-    (['--friction', '--velocity', '1.0'], '--friction: given with --velocity'),
-    (['--loads', '2'], '--loads: given without --friction')])
-def test_the_command_refuses_options_that_it_would_not_use(tmp_path, options, words):
-    path = tmp_path / 'slow.csv'
-    ran = command('excite', str(TWO_LINK), '--out', str(path), *options)
-    assert ran.returncode != 0
-    assert words in ran.stderr
-    assert not path.exists()
-
-
-@pytest.mark.parametrize('options, words', [
     ({'loads': 0}, 'loads'), ({'speeds': [0.0]}, 'speeds'), ({'speeds': []}, 'speeds'),
     ({'reach': -1.0}, 'reach'), ({'share': 2.0}, 'share'), ({'strokes': 0}, 'strokes'),
     ({'floor': 0.0}, 'floor: 0 without shapes'),
