@@ -9,6 +9,7 @@ KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')  # of
 WITHIN = 'zeros, or the middle of limits that exclude 0'
 STEP = 0.01  # s, between samples of a motion given by points
 
+
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
@@ -458,9 +459,9 @@ def _send(sub: ArgumentParser) -> None:
     motion = sub.add_mutually_exclusive_group(required=True)
     _add_motion(motion, 'CSV or YAML file; it starts at the measured positions')
     motion.add_argument('--by', type=float, nargs='+', metavar='X',
-                     help='move by so much from the measured positions, and back, rad '
-                     'or m; one per joint, or one value, which is smaller or turned '
-                     'round for joints that would leave their limits')
+                        help='move by so much from the measured positions, and back, rad '
+                        'or m; one per joint, or one value, which is smaller or turned '
+                        'round for joints that would leave their limits')
     sub.add_argument('--duration', type=float, default=2.0, metavar='S',
                      help='duration of the motion of --by in s; default: %(default)g')
     sub.add_argument('--namespace', default='',

@@ -150,8 +150,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(INVALID, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 
-def parsers(chosen: str
-             ) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser | None]:
+def parsers(chosen: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser | None]:
     """Return the parser of all commands, and that of the chosen one with its arguments."""
     parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's "
                      'method, compiled for one robot at a time.')

@@ -183,7 +183,8 @@ def test_out_has_a_short_name_in_every_command(files, capsys):
 def test_one_problem_is_counted_as_one(capsys):
     print_findings(
         [Finding('problem', 'x'), Finding('warning', 'y'), Finding('warning', 'z')])
-    assert capsys.readouterr().out.endswith('1 problem, 2 warnings, 0 fine\n')
+    printed = capsys.readouterr().out
+    assert printed.endswith('1 problem, 2 warnings, 0 cannot judge, 0 fine\n')
 
 
 def test_positions_a_little_beyond_the_limits_are_named_and_not_taken_for_degrees(

@@ -101,7 +101,8 @@ def _filled(options: Namespace, robot: Robot, bending: QuasiStatic | None,
     return fill_trajectory(
         robot, points.times, *points.rows, joint_names=points.joint_names,
         rest=options.pose,
-        tolerance=options.tolerance and one_or_all(options.tolerance), compensate=Terms(**dict.fromkeys(options.without, False)),
+        tolerance=options.tolerance and one_or_all(options.tolerance),
+        compensate=Terms(**dict.fromkeys(options.without, False)),
         clip=options.clip, bending=bending)
 
 

@@ -161,8 +161,6 @@ def folder(tmp_path_factory):
                                  sign * recording.tau])
         header = ','.join(['t', *names])
         np.savetxt(name, table, delimiter=',', header=header, comments='')
-
-
     yield
     os.chdir(former)
 
