@@ -133,21 +133,20 @@ def test_simulated_time_may_pause_and_jump_forward_and_backward(client, start, h
     node.wait_for('/clock has no publisher; commanding zeros')
 
 
-def test_a_clock_replacement_commands_zeros_until_simulated_time_is_received(
+def test_an_active_node_keeps_its_clock_and_the_limits_that_it_needs(
         client, start, holding):
-    node = start(state_timeout=5.0)
+    start(state_timeout=5.0)
     client.connect()
     assert close(client.ask(Q, np.zeros(3)), holding)
-    assert wait_until(lambda: any(client.commands[-1]))
-    assert client.adjust(use_sim_time=True).successful
-    assert wait_until(lambda: not any(client.commands[-1]), 1.0)
-    count = len(client.commands)
-    client.torques.clear()
-    assert client.ask(Q, np.zeros(3), stamp=0, timeout=0.3) is None
-    assert len(client.commands) == count
-    node.wait_for('no message on /clock')
-    assert client.adjust(use_sim_time=False).successful
-    assert wait_until(lambda: client.ask(Q, np.zeros(3), timeout=0.3) is not None)
+    for name, value, words in (
+            ('use_sim_time', True, 'expected no change while the node is active'),
+            ('limits.effort', 1e-300, 'expected at least'),
+            ('limits.velocity', 1e-300, 'expected at least'),
+            ('limits.rate', 1e-300, 'expected at least')):
+        answer = client.adjust(**{name.replace('.', '__'): value})
+        assert not answer.successful
+        assert words in answer.reason
+        assert close(client.ask(Q, np.zeros(3)), holding)
 
 
 def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):

@@ -140,6 +140,11 @@ def test_torques_are_clamped_to_the_limit(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     free = robot.gravity_force(q)
     limit = 0.5 * np.abs(free).max()
+    # A limit is set where it holds the arm: in the configuration of the least torque.
+    configurations = robot.random_configuration(0, 1000)
+    torques = np.abs(robot.gravity_force(configurations)).max(axis=1)
+    assert torques.min() < limit
+    node.ask(configurations[torques.argmin()], np.zeros(3))
     assert node.adjust(limits__effort=limit).successful
     node.diagnostics.clear()
     assert close(node.ask(q, np.zeros(3)), np.clip(free, -limit, limit))

@@ -33,6 +33,7 @@ from kane_dynamics.ros.common.rcl_functions import (guard_condition, handle_addr
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.dynamics_node.live_limits import check_live_limits
 from kane_dynamics.ros.guard.guard_messages import arm_digest, STATE
 from kane_dynamics.ros.inputs.target_input import POSE, TargetInput, TWIST, WRENCH
 from kane_dynamics.ros.loads.gravity_payload import (checked_payload, GravityAndPayload,
@@ -518,14 +519,9 @@ class ConfiguredRobot:
             return int(self._clock.now().nanoseconds)
         return time.time_ns()
 
-    def on_clock_jump(self, *, replaced: bool = False) -> None:
-        """Handle a backward jump of the node's clock, or its replacement."""
-        self._simulated_time = bool(self._clock.ros_time_is_active)
-        if not self.path.running:
-            return
-        if replaced:
-            self.path.on_clock_replaced()
-        else:
+    def on_clock_jump(self) -> None:
+        """Handle a backward jump of the node's clock."""
+        if self.path.running:
             self.path.on_clock_jump()
 
     @property
@@ -597,6 +593,7 @@ class ConfiguredRobot:
         if any(name in changed for name in PAYLOAD):
             self._require_carried(loads.payload, self._attached_payload)
         check_optional_topics(values, self.robot)
+        check_live_limits(self.path, self.robot, self.values, values, changed)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity': new value; expected none while "

@@ -361,6 +361,8 @@ class DynamicsNode(LifecycleNode):
                 self.get_logger().fatal(f'no stop: {type(error).__name__}: {error}')
         if not holds:
             self.trigger_deactivate()
+            # The diagnostics state the reason until the next activation.
+            self.arm.path.ended = f'{reason}; deactivated'
 
     def stop_compiling(self) -> None:
         """End requests that wait for kernels, and the compiler after the present one."""
@@ -523,8 +525,6 @@ class DynamicsNode(LifecycleNode):
             self.arm.update(self.values, changed)
             if 'gravity' in changed:
                 self._warn_of_gravity()
-            if clock_replaced:
-                self.arm.on_clock_jump(replaced=True)
 
     def _on_jump(self, jump: TimeJump) -> None:
         """Handle a backward jump of the clock."""

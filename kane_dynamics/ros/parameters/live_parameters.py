@@ -53,6 +53,7 @@ class LiveParameters:
     def __init__(self, node: Node, specs: Sequence[Spec], frozen: Callable[[], str],
                  check: Callable[[Mapping[str, Any], Collection[str]], None],
                  changed: Callable[[Mapping[str, Any], Collection[str]], None]) -> None:
+        self._node = node
         self._specs = {spec.name: spec for spec in specs}
         self._frozen = frozen
         self._check = check
@@ -75,6 +76,7 @@ class LiveParameters:
             for change in changes:
                 spec = self._specs.get(change.name)
                 if spec is None:  # a parameter of ROS
+                    self._refuse_new_clock(change)
                     continue
                 value = read(spec, change.value)
                 unchanged = np.array_equal(value, staged[spec.name])
@@ -89,6 +91,13 @@ class LiveParameters:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
         return SetParametersResult(successful=True)
+
+    def _refuse_new_clock(self, change: Parameter) -> None:
+        """Refuse another clock while states are compared with the present one."""
+        reason = self._frozen() if change.name == 'use_sim_time' else ''
+        if reason and change.value != self._node.get_parameter(change.name).value:
+            raise InputError(f"parameter 'use_sim_time': new value {change.value}; "
+                             f'{reason}')
 
     def _after_set(self, changes: list[Parameter]) -> None:
         self._present = self._staged

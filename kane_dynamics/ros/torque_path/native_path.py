@@ -385,14 +385,6 @@ class NativeTorquePath(TorquePath):
             self._counts['jumps'] += 1.0
             self._replan()
 
-    def on_clock_replaced(self) -> None:
-        """Use another clock, whose stamps have nothing in common with those before."""
-        self.native.simulate_time(self._hears_time)
-        self._counts['jumps'] += 1.0
-        if self.wrenches is not None:
-            self.wrenches.clear()
-        self.time_out('clock replaced')
-
     def interrupt(self, stamp: int, reason: str) -> bool:
         """End the desired motion in a stop from now on: reports of states may be late."""
         return super().interrupt(max(stamp, self.now), reason)

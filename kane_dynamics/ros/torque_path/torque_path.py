@@ -285,6 +285,10 @@ class TorquePath:
             lost or self.timed_out or self.fault)
         return self._accepted() if valid else None
 
+    def measured_speeds(self) -> Array | None:
+        """Return the speeds, (n,), of the state of `measured`."""
+        return None if self.measured() is None else self._accepted_speeds()
+
     def _accepted(self) -> Array:
         """Return a copy of all positions in the last accepted state, (n_q,)."""
         if self.loops is not None:
@@ -395,11 +399,6 @@ class TorquePath:
         self._counts['jumps'] += 1.0
         self._replan()
         self._look_at_clock()
-
-    def on_clock_replaced(self) -> None:
-        """Use another clock, whose stamps have nothing in common with those before."""
-        self.on_clock_jump()
-        self.time_out('clock replaced')
 
     def _change(self, rule: Callable[..., PathState], *arguments: Any
                 ) -> tuple[PathState, PathState]:

@@ -698,21 +698,6 @@ def test_a_motion_that_is_to_begin_later_is_dropped_by_a_collision():
         assert side.path.active_motion.scheduled == (None, None)
 
 
-def test_a_replaced_clock_is_reported_and_its_wrenches_are_forgotten():
-    pair = Pair('computed_torque', 5,
-                {'wrench.frames': [body.name for body in MODEL.bodies]})
-    pair.do_state('state')
-    pair.do_state('state')
-    for side in pair.sides:
-        side.path.wrenches.latest[0] = pair.time, np.ones(6)
-    pair.time //= 100  # the new clock is behind
-    for side in pair.sides:
-        side.path.on_clock_replaced()
-        assert not side.path.wrenches.latest
-        side.path.check_timeout()
-        assert [reason for reason, _ in side.warnings] == ['clock', 'no joint state']
-
-
 def before_a_closed_page(data):
     """Return the address of bytes before unreadable memory, and their owner."""
     page = mmap.PAGESIZE
