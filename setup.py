@@ -26,15 +26,13 @@ jax = ['jax>=0.7']
 xacro = ['xacro>=2.0']
 mjcf = ['mujoco>=3.1']
 demo = [*mjcf, 'rich>=13.0', *plot]
-# PTX assembled without a GPU: registers and spills of its kernels (40 MB: only `ptxas`).
-ptxas = ["nvidia-cuda-nvcc-cu12>=12.4; sys_platform == 'linux'"]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', *mjcf, *xacro, 'mpmath>=1.3',
         'gymnasium>=1.0',  # MJCF files that others made
         'build>=1.2',  # wheel and source distribution, as for a release
         'nbclient>=0.10', 'ipykernel>=6.29',  # the notebook is executed
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
-        *ptxas, *sweep, *plot, *view,
+        *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
 bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1',

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.terms import Terms
     from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                               FilledTrajectory)
-    from kane_dynamics.errors import (CompileError, ConstraintError, DeviceError, InputError,
+    from kane_dynamics.errors import (CompileError, ConstraintError, InputError,
                                       KaneError, ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_from, pose_log, rotation_exp,
@@ -70,7 +70,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
            'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
-           'DeviceError', 'Drive',
+           'Drive',
            'ElasticFeedforward', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance',
@@ -113,7 +113,7 @@ _NAMES_BY_MODULE = {
     'control.terms': 'Terms',
     'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
     'errors':
-        'CompileError ConstraintError DeviceError InputError KaneError ModelError ModelWarning '
+        'CompileError ConstraintError InputError KaneError ModelError ModelWarning '
         'SweepError UrdfError',
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
@@ -158,7 +158,7 @@ _NAMES_BY_MODULE = {
     'urdf': 'expand_xacro load_urdf',
     'urdf.link_shapes': 'load_collision_shapes',
 }
-_PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility', 'gpu',
+_PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility',
              'identification', 'kinematics', 'mechanics', 'model', 'motion', 'optimal_control',
              'plot', 'robot', 'simulation', 'sweep', 'task_space', 'urdf', 'view')
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}

@@ -35,10 +35,6 @@ class CompileError(KaneError, RuntimeError):
     """A kernel could not be compiled, loaded or verified."""
 
 
-class DeviceError(KaneError, RuntimeError):
-    """A GPU or its driver is missing, or the driver reports an error."""
-
-
 class SweepError(KaneError, RuntimeError):
     """A sweep cannot continue: its workers died, or its folder belongs to another sweep."""
 

@@ -30,7 +30,7 @@ OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 # The second group imports the first; neither is imported by any other room.
 APPLICATIONS = frozenset({
     'control', 'control_cycle', 'task_space', 'simulation', 'analysis', 'closed_forms',
-    'feasibility', 'gpu', 'identification', 'optimal_control', 'sweep'})
+    'feasibility', 'identification', 'optimal_control', 'sweep'})
 PROGRAMS = frozenset({'plot', 'view', 'ros', 'cli', 'demo'})
 MODULE_NAME = re.compile(r'\bkane_dynamics\.(\w+)')
 

@@ -176,7 +176,7 @@ class Parameters:
         Return the payload in the axes of `payload_frame`; None without one.
 
         Set it to an Inertial, or to its ten `Inertial.parameters`, as functions for
-        CasADi, PyTorch, JAX and GPUs take them.
+        CasADi, PyTorch and JAX take them.
         """
         return self._payload
 

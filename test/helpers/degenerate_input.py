@@ -30,13 +30,13 @@ from public_surface import public_classes, public_functions, public_methods
 
 PATIENCE = 20  # s, for one call
 EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
-# What users get as results, and what needs a GPU, a browser, a bag or processes of its
+# What users get as results, and what needs a browser, a bag or processes of its
 # own.
 RESULTS = frozenset((
     'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory',
     'closed_forms.ClosedForm',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
-    'feasibility.TimeScale', 'gpu.DeviceFunction', 'gpu.DeviceRollout',
+    'feasibility.TimeScale',
     'identification.BaseFit',
     'identification.BaseParameters', 'identification.CollisionCalibration',
     'identification.Excitation', 'identification.Identification',
@@ -47,7 +47,7 @@ RESULTS = frozenset((
     'Motion', 'SmoothMotion'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
-    'gpu.function', 'gpu.rollout', 'view.Window', 'sweep.run_sweep', 'sweep.read_table',
+    'view.Window', 'sweep.run_sweep', 'sweep.read_table',
     'identification.read_drive_recording', 'identification.read_recording',
     'expand_xacro', 'load_mjcf', 'load_collision_shapes',
     'plot.plot_demand', 'plot.plot_energy', 'plot.plot_phase', 'plot.plot_reactions',

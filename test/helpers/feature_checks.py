@@ -13,9 +13,8 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
-from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
-                           fill_trajectory, gpu, MomentumObserver, Motion,
+                           fill_trajectory, MomentumObserver, Motion,
                            natural_vibration, QuasiStatic, Robot, simulate, stiffened,
                            Uncertainty)
 from kane_dynamics.analysis.power_balance import power_balance
@@ -37,6 +36,7 @@ from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
 from mechanisms import with_friction_times, with_inertia_in
 import numpy as np
+from same_numbers import assert_same_numbers
 
 TOLERANCE = 1e-11
 CLOSED = 1e-9  # through derivatives of positions
@@ -391,20 +391,15 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     assert run.drift < 1e-9
 
 
-def on_a_gpu(case, step=1e-4):
-    """Evaluate the kernels of GPUs on the processor."""
+def operations_of_jax(case):
     arguments = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
                  'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
-    with host_gpu():
-        function = gpu.function(case.robot, 'inverse_dynamics')
-        assert_close(
-            values_of(function(*on_gpu(*(arguments[name] for name in function.names)))),
-            inverse(case))
-        state = on_gpu(case.q, case.u, 0.0 * case.u)
-        state_after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time,
-                                              every_step=False)
-        assert_close(values_of(state_after), np.concatenate(reference_step(case, step)),
-                     CLOSED)
+    function = case.robot.jax('inverse_dynamics', operations=True)
+    with jax.enable_x64(True):
+        batch = [np.array([arguments[name]] * 2) for name in function.names]
+        torque = np.asarray(function(*batch))
+    assert_close(torque[0], inverse(case))
+    assert_same_numbers(torque[1], torque[0])
 
 
 def stopped(case):

@@ -110,7 +110,7 @@ ROWS = (
     Row('constraint forces', check.constraint_forces, {ELASTIC: NO_CONSTRAINT}),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
-    Row('batches on a GPU: quantities, roll-outs', check.on_a_gpu, pairs=False),
+    Row('operations of JAX', check.operations_of_jax, pairs=False),
     Row('pickling', check.pickling, pairs=False),
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),

@@ -354,6 +354,44 @@ def test_another_interface_of_xla_is_refused_or_python_is_called(monkeypatch, ca
     assert 'call Python for gravity_force, which is slower' in caplog.text
 
 
+@pytest.mark.parametrize('kind, name', QUANTITIES)
+def test_operations_and_their_gradients_are_the_robots(kind, name):
+    function = case(kind).robot.jax(name, operations=True)
+    inputs = states(kind, function.names)
+    result = function(*inputs.values())
+    cotangent = np.random.default_rng(4).normal(size=result.shape)
+    value, gradients = value_and_gradients(kind, name, cotangent, inputs)
+    assert_same_numbers(result, value)
+
+    _, pull = jax.vjp(function, *map(jnp.asarray, inputs.values()))
+    for key, gradient in zip(inputs, pull(cotangent)):
+        assert_same_numbers(gradient, gradients[key])
+
+
+def test_operations_take_parameters_batches_and_float32():
+    function = arm().jax('inverse_dynamics', parameters=['payload'], operations=True)
+    arguments = arm_arguments(4, 3)
+    expected = arm_function()(*arguments)
+    assert_same_numbers(function(*arguments), expected)
+    *states_, payload = arguments
+    mapped = jax.vmap(function, (0, 0, 0, 0, None))(*states_, payload)
+    assert_same_numbers(mapped, expected)
+    single = function(*(x.astype(jnp.float32) for x in arguments))
+    assert single.dtype == jnp.float32
+    np.testing.assert_allclose(single, expected, rtol=0, atol=1e-5 * abs(expected).max())
+    with pytest.raises(InputError, match='compiled: True with operations=True'):
+        arm().jax('inverse_dynamics', compiled=True, operations=True)
+
+
+def test_operations_compile_for_other_devices_and_are_exported():
+    function = fr3().jax('gravity_force', operations=True)
+    q = jnp.asarray(np.random.default_rng(0).normal(size=7))
+    entries = jax.jit(function.entries)
+    assert 'stablehlo' in entries.trace(q).lower(lowering_platforms=('cuda',)).as_text()
+    exported = jax.export.export(entries)(q)
+    assert_same_numbers(np.array(exported.call(q)), fr3().gravity_force(np.asarray(q)))
+
+
 def test_another_device_is_refused():
     function = jax.jit(fr3().jax('gravity_force'))
     with pytest.raises(InputError,

@@ -32,7 +32,7 @@ simulation
 analysis
 """
 APPLICATIONS = """
-closed_forms feasibility gpu identification optimal_control sweep
+closed_forms feasibility identification optimal_control sweep
 plot view
 """
 PROGRAMS = """

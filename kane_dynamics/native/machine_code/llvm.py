@@ -26,10 +26,6 @@ Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE = 'x86_64-unknown-linux-gnu'
 REFERENCE_CPU = 'x86-64-v3'
-# Of GPUs: the oldest that current tools assemble for. A driver compiles its text for
-# newer ones.
-GPU_TRIPLE = 'nvptx64-nvidia-cuda'
-GPU = 'sm_75'
 # The pass manager of older llvmlite fails at pointers without an element type. Without
 # passes, batches are some percent slower.
 PASSES = hasattr(llvm, 'create_pass_builder')
@@ -236,24 +232,6 @@ def code_size(text: str) -> int:
         if section.is_text():
             size += int(section.size())
     return size
-
-
-def ptx(text: str) -> str:
-    """
-    Compile LLVM IR to PTX, the assembly language of NVIDIA's GPUs.
-
-    Raises
-    ------
-    CompileError
-        If LLVM rejects the text or was built without this target.
-
-    """
-    machine = _foreign(GPU_TRIPLE).create_target_machine(cpu=GPU, opt=2)
-    module = _parsed(text, machine)
-    # As by default on a GPU, which the scheduler's switch overrides once it has been
-    # used.
-    with _in_program_order():
-        return str(machine.emit_assembly(module))
 
 
 def _foreign(triple: str) -> Any:

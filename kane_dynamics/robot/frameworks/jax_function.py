@@ -1,5 +1,5 @@
 """
-A robot's quantities as functions of JAX arrays; the only module that imports jax.
+A robot's quantities as functions of JAX arrays.
 
 One JAX primitive evaluates every quantity and every derivative; its parameter is an
 `Operation`. Its tangent is the primitive of the operation's Jacobian-vector product,
@@ -208,14 +208,14 @@ class JaxFunction(QuantityFunction):
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return the quantity, by position or by name; see `Robot.jax`."""
         values = self._given(arguments, named)
-        arrays = [_readable(name, x) for name, x in zip(self.names, values)]
+        arrays = [readable(name, x) for name, x in zip(self.names, values)]
         self._require_batches(arrays, np.broadcast_shapes)
         dtype = jnp.result_type(*arrays)
         return evaluate.bind(*(x.astype(dtype) for x in arrays),
                              operation=self._operation)
 
 
-def _readable(name: str, x: Any) -> Any:
+def readable(name: str, x: Any) -> Any:
     """Return an array that the kernels can read; raise InputError otherwise."""
     try:
         array = jnp.asarray(x)

@@ -7,6 +7,7 @@ from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.optional_imports import extra
+from kane_dynamics.errors import InputError
 from kane_dynamics.robot.methods.dynamics_methods import place_of
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
 
@@ -113,7 +114,7 @@ class FrameworkMethods(FrameMethods):
 
     @hinting_method
     def jax(self, name: str, *, parameters: Sequence[str] = (),
-            compiled: bool | None = None) -> Any:
+            compiled: bool | None = None, operations: bool = False) -> Any:
         """
         Return a quantity as a function of JAX arrays, differentiable to any order.
 
@@ -142,6 +143,11 @@ class FrameworkMethods(FrameMethods):
             interface, or an error; False: they call Python (`jax.pure_callback`), which
             is slower. By default machine code if this version of JAX has the interface,
             else Python, with a line in the log.
+        operations : bool
+            Evaluate the quantity by operations of JAX, which XLA compiles for any of its
+            devices and JAX differentiates, instead of by kernels on the CPU. Numbers
+            have the type of the arguments; values are not checked. ``function.entries``
+            returns the entries one by one, for use inside of `jit`.
 
         Returns
         -------
@@ -151,11 +157,19 @@ class FrameworkMethods(FrameMethods):
         Raises
         ------
         InputError
-            An unknown quantity, frame, joint or parameter; or JAX is not installed.
+            An unknown quantity, frame, joint or parameter; both `compiled` and
+            `operations`; or JAX is not installed.
         CompileError
             `compiled` is True and JAX has another interface.
 
         """
         quantity, at = place_of(name)
+        if operations:
+            if compiled is not None:
+                raise InputError(f'compiled: {compiled} with operations=True; expected '
+                                 'None, since operations of JAX call no kernel')
+            module = extra('kane_dynamics.robot.frameworks.jax_operations', 'jax',
+                           'robot.jax')
+            return module.JaxOperations(self, quantity, at, parameters)
         module = extra('kane_dynamics.robot.frameworks.jax_function', 'jax', 'robot.jax')
         return module.JaxFunction(self, quantity, at, parameters, compiled)
