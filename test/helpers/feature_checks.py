@@ -392,6 +392,7 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
 
 
 def operations_of_jax(case):
+    import jax
     arguments = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
                  'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
     function = case.robot.jax('inverse_dynamics', operations=True)
