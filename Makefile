@@ -36,7 +36,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
 	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops; MODE=cartesian: forces against an impedance; MODE=elastic: elastic joints'
-	@echo 'make test         tests, a few minutes: library, torque path, services'
+	@echo 'make test         tests, a quarter of an hour: library, torque path, services'
 	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
@@ -121,8 +121,7 @@ demo:
 	  $(VENV)/.project $(VENV)/.imported
 	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)' --mode '$(MODE)'
 
-# What runs nodes in real time or judges processor time has the processors to itself; all else shares
-# them. Faults, starts, whole graphs, plant_node, rarer arms and modes, and long commands are minutes of
+# What runs nodes in real time has the processors to itself; all else shares them. Faults, starts, whole graphs, plant_node, rarer arms and modes, and long commands are minutes of
 # waiting: colcon-test alone tries them.
 REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
 BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compensates.py \
@@ -137,15 +136,14 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
   node_two_arms.py)
 LONG_COMMANDS = $(addprefix test/e2e/test_cli_,beams.py constraints.py feasible.py identify.py \
   replay.py sweep.py view.py)
-TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 
-# A machine that stalls for tens of milliseconds fails a test of time, whatever the code does; a
+# A machine that stalls fails a test of a node, whose time-outs are real, whatever the code does; a
 # defect fails it twice.
 PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
 REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
-LIBRARY = $(patsubst %,--ignore=%,$(REAL_TIME) $(LONG_COMMANDS)) --ignore=test/docs --ignore=test/installation -m 'not slow and not timed' $(PYTEST_ARGS)
-ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
+LIBRARY = $(patsubst %,--ignore=%,$(REAL_TIME) $(LONG_COMMANDS)) --ignore=test/docs --ignore=test/installation $(PYTEST_ARGS)
+ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }
@@ -175,6 +173,7 @@ $(CROCODDYL_VENV)/.tools: $(VENV)/.uv
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
   benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
+  benchmarks/first_uses.py \
   benchmarks/predictive_control.py benchmarks/task_space_laws.py benchmarks/task_space_calls.py \
   benchmarks/node_latency.py,palletizer benchmarks/node_latency.py \
   benchmarks/node_latency.py,native,palletizer benchmarks/node_latency.py,native \

@@ -20,14 +20,6 @@ if rclpy is not None:
     os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Nodes and the demo run in real time: such tests have no other work beside them."""
-    for item in items:
-        if item.path.name.startswith(('test_node', 'test_demo')):
-            item.add_marker(pytest.mark.timed)
-
-
 @pytest.fixture(scope='session')
 def participant():
     """Return the one client of this run: discovery takes seconds, so it happens once."""

@@ -2,8 +2,6 @@
 
 import csv
 import json
-import os
-import resource
 import subprocess
 import sys
 
@@ -356,28 +354,6 @@ def test_a_malformed_urdf_leaves_no_traceback(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith('kane-dynamics: error: ')
     assert 'Traceback' not in done.stderr
-
-
-@pytest.mark.timed
-def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
-    """By processor time, compared with numpy and llvmlite, which it needs to compute."""
-    environment = {**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')}
-    # The first command keeps compiled modules, which colcon forbids.
-    environment.pop('PYTHONDONTWRITEBYTECODE', None)
-
-    def seconds(*arguments):
-        usage_before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, *arguments], check=True, capture_output=True,
-                       env=environment, timeout=100)
-        usage_after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return (usage_after.ru_utime + usage_after.ru_stime - usage_before.ru_utime
-                - usage_before.ru_stime)
-    torque = ['-m', 'kane_dynamics.cli', 'torque', 'urdf/fr3.urdf']
-    first = seconds(*torque)
-    imports = ['-c', 'import numpy, llvmlite.binding, argparse, json, csv, inspect']
-    pairs = [(seconds(*torque), seconds(*imports)) for _ in range(5)]
-    assert np.median([again / least for again, least in pairs]) < 2.0
-    assert min(pairs)[0] < 0.8 * first  # which reads the URDF and compiles
 
 
 @pytest.mark.parametrize('words',

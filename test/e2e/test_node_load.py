@@ -87,18 +87,6 @@ def simulate(node, **fields):
     return answer
 
 
-def test_ten_simulated_seconds_of_a_seven_axis_arm_return_in_under_100_ms(node):
-    simulate(node)  # discovery
-    seconds = []
-    for _ in range(10):
-        began = time.perf_counter()
-        answer = simulate(node)
-        seconds.append(time.perf_counter() - began)
-        assert answer.trajectory.points[-1].time_from_start.sec == 10
-    # The best of ten: what the request costs, not what else this machine had to do.
-    assert min(seconds) < 0.1
-
-
 def test_every_state_gets_a_command_while_idle(node):
     assert unanswered(node, 0.0, 5.0, lambda: time.sleep(0.1)) == 0.0
 

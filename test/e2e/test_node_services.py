@@ -1,7 +1,6 @@
 """Every service and the action over DDS: the library's numbers, or why not."""
 
 import math
-import time
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
@@ -223,10 +222,8 @@ def test_the_action_publishes_feedback_and_its_result_equals_the_library(node, r
 def test_a_cancelled_goal_returns_the_points_so_far(node):
     goal = Goal(node, duration=1000.0, step=1e-3)
     assert wait_until(lambda: goal.feedback)
-    began = time.monotonic()
     goal.cancel()
     status, result = goal.result()
-    assert time.monotonic() - began < 0.5
     assert status == GoalStatus.STATUS_CANCELED
     assert not result.success
     assert 'cancelled at' in result.message

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import time
 from types import SimpleNamespace
 
 import clarabel
@@ -396,16 +395,6 @@ def test_noise_of_accelerations_is_measured():
         noisier = replace(recorded, udot=recorded.udot * np.sqrt(1.0 - share**2)
                           + share * size * noise)
         assert np.allclose(noisier.acceleration_noise(), share, rtol=0.1)
-
-
-@pytest.mark.timed
-def test_identification_of_many_rows_takes_seconds_of_processor_time():
-    """Of 21,000 rows: below 10 s."""
-    recorded = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
-    begun = time.process_time()
-    identified = identify(inaccurate_arm(), recorded)
-    assert time.process_time() - begun < 10.0
-    assert (identified.held_out < 0.55).all()
 
 
 def test_joint_that_never_moves_is_an_error():

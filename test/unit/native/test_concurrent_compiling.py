@@ -1,8 +1,5 @@
 """Kernels that compile at once are those that compile one after another."""
 
-import os
-import subprocess
-import sys
 import threading
 
 from kane_dynamics import CompileError, InputError, Robot
@@ -54,27 +51,3 @@ def test_the_first_error_is_raised_when_all_have_ended(monkeypatch):
     assert sorted(done) == list(range(6))
     with pytest.raises(InputError, match="no kernel 'nonsense'"):
         Robot(MODEL).compile('mass_matrix', 'nonsense')
-
-
-@pytest.mark.timed
-def test_a_warm_start_of_all_kernels_takes_a_fraction_of_a_cold_one(tmp_path):
-    """By processor time, of what a node for the FR3 compiles."""
-    program = """
-import time
-from kane_dynamics import load_urdf, Robot
-from kane_dynamics.simulation.simulate import compile_simulation
-begin = time.process_time()
-robot = Robot(load_urdf('urdf/fr3.urdf'))
-compile_simulation(robot, 'rk4', 'external_force', 'body_torques')
-robot.copy(), robot.copy()
-print(time.process_time() - begin)
-"""
-
-    def seconds():
-        done = subprocess.run(
-            [sys.executable, '-c', program], check=True, capture_output=True,
-            text=True, timeout=100, env={
-                **os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
-        return float(done.stdout)
-    cold = seconds()
-    assert min(seconds(), seconds()) < 0.15 * cold

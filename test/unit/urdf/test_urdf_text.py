@@ -1,7 +1,6 @@
 """Text of a URDF: encodings, sizes, and input that is rejected before parsing."""
 
 from pathlib import Path
-import time
 
 from kane_dynamics.errors import InputError, KaneError, UrdfError
 from kane_dynamics.urdf import load_urdf
@@ -136,27 +135,21 @@ def test_meshes_are_never_opened():
 
 @pytest.mark.parametrize('links', [1000, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('kind', ['revolute', 'fixed'])
-@pytest.mark.timed
-def test_long_chain_loads_in_milliseconds_a_link(kind, links):
-    start = time.process_time()
+def test_long_chain_loads(kind, links):
     model = load(chain(links, kind))
     assert (model.n, len(model.frames)) == (links if kind == 'revolute' else 0,
                                             links + 1)
-    assert time.process_time() - start < 3e-3 * links
 
 
-@pytest.mark.timed
-def test_long_chain_of_mimics_resolves_in_seconds():
+def test_long_chain_of_mimics_resolves():
     n = 1000
     follow = [joint(f'j{i}', f'l{i - 1}', f'l{i}', limit='',
                     more=f'<mimic joint="j{i + 1}" offset="1"/>') for i in range(1, n)]
     source = robot(*(link(f'l{i}') for i in range(n + 1)), *follow,
                    joint(f'j{n}', f'l{n - 1}', f'l{n}'))
-    start = time.process_time()
     model = load(source)
     assert model.joint_names == (f'j{n}',)
     assert model.bodies[0].joint.offset == n - 1
-    assert time.process_time() - start < 10.0
 
 
 DEEP = {
@@ -170,12 +163,9 @@ DEEP = {
 
 
 @pytest.mark.parametrize('name', DEEP)
-@pytest.mark.timed
 def test_deep_xml_loads(name):
-    start = time.process_time()
     model, _ = load_with_warnings(DEEP[name])
     assert [frame.name for frame in model.frames] == ['a']
-    assert time.process_time() - start < 5.0
 
 
 @pytest.mark.parametrize('source', [
@@ -185,10 +175,7 @@ def test_deep_xml_loads(name):
     '<robot name="r">' + '<link name="a"/>' * 20_000 + '</robot>',
     '<robot name="' + 'n' * 11_000_000 + '"><link name="a"/></robot>',
 ], ids=['deep root', 'unclosed', 'comments', 'roots', 'duplicates', 'name'])
-@pytest.mark.timed
-def test_absurd_input_is_rejected_quickly_with_its_reason(source):
-    start = time.process_time()
+def test_absurd_input_is_rejected_with_its_reason(source):
     with pytest.raises(KaneError) as caught:
         load_urdf(source)
     assert len(str(caught.value)) < 1000
-    assert time.process_time() - start < 5.0
