@@ -6,12 +6,14 @@ import math
 from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion,
                            Robot, rod)
 from kane_dynamics.feasibility import time_optimal
-from kane_dynamics.feasibility.jerk_limited import third_order_timing
+from kane_dynamics.feasibility.jerk_limited import rate_peaks, third_order_timing
 from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_solution
 from kane_dynamics.feasibility.jerk_limited.profile_spline import ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.smooth_path import smooth_sections
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import torque_rate_kernel
+from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.parameters import JointLimits
+from mechanisms import with_joints
 import numpy as np
 from path_torque import torque_along
 from pinocchio_fr3 import pinocchio_fr3
@@ -58,6 +60,43 @@ def test_loose_limit_of_torque_rate_leaves_the_limit_of_effort():
     least = 2.0 * math.sqrt(3.0 / 3e3)  # at the acceleration of 1000 N m
     assert least < timing.duration < 1.005 * least
     assert 'effort' in {active.limit for active in timing.active}
+
+
+def test_jerks_and_torque_rates_inside_segments_are_derivatives_of_the_motion():
+    robot = arm()
+    t = np.array([0.0, 0.05, 0.08, 0.15])
+    phases = 6.0 * t[:, None] + np.arange(7.0)
+    points = ControllerPoints(t, np.sin(phases), 6.0 * np.cos(phases),
+                              -36.0 * np.sin(phases + 0.01))
+    motion = Motion.from_points(*points, joint_names=robot.joint_names)
+    places = rate_peaks.PLACES[1:-1]
+    times = t[:-1] + places[:, None] * np.diff(t)
+
+    without_dry_friction = Robot(with_joints(robot.model, friction=0.0,
+                                             friction_offset=0.0))
+
+    def smooth_torque(moments):
+        state = motion.sample(moments.ravel())
+        return without_dry_friction.inverse_dynamics(*state).reshape(*moments.shape, 7)
+    h = 1e-5
+    udot = [motion.sample((times + side).ravel())[2].reshape(*times.shape, 7)
+            for side in (-h, h)]
+    expected = (udot[1] - udot[0]) / (2.0 * h)
+    np.testing.assert_allclose(rate_peaks.jerks(points)[1:-1], expected, rtol=0,
+                               atol=1e-7 * np.abs(expected).max())
+    expected = (smooth_torque(times + h) - smooth_torque(times - h)) / (2.0 * h)
+    rates = rate_peaks.torque_rates(robot, points)[1:-1]
+    np.testing.assert_allclose(rates, expected, rtol=0,
+                               atol=1e-5 * np.abs(expected).max())
+
+
+def test_the_limit_of_jerk_holds_between_the_points_and_is_reached():
+    robot = one_joint()
+    timing = time_optimal(robot, [[0.0], [1.5], [0.7]], jerk=20.0, points=60)
+    motion = timing.motion
+    t = np.linspace(0.0, motion.duration, 20_001)
+    jerk = np.abs(np.diff(motion.sample(t)[2][:, 0]) / np.diff(t))
+    assert 0.99 * 20.0 < jerk.max() <= 1.001 * 20.0
 
 
 @cache

@@ -1,7 +1,7 @@
 """Batches: results equal those of single states for any batch, lanes and threads."""
 
-import re
 import itertools
+import re
 import threading
 import time
 
