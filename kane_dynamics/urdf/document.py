@@ -1,7 +1,7 @@
 """
 Read and decode the text of a URDF, and parse it to plain elements.
 
-Unsafe XML (document type and entity declarations) is rejected before parsing.
+Unsafe XML (document type and entity declarations) is rejected.
 """
 
 from __future__ import annotations
@@ -105,7 +105,6 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
     The parser ignores namespaces, as the parsers of ROS do, because real files use
     undeclared prefixes.
     """
-    _refuse_declarations(text)
     try:
         data = text.encode()
     except UnicodeEncodeError as error:
@@ -136,6 +135,13 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
         if not skipped and level + 1 < len(path):
             path.pop()
 
+    # Unsafe XML: expat calls this at <!DOCTYPE, before it reads any declaration inside.
+    def refuse_doctype(name: str, *_: object) -> None:
+        raise UrdfError(f'XML: declaration <!DOCTYPE {name[:60]}> (line '
+                        f'{parser.CurrentLineNumber}); expected no document type or '
+                        'entity declarations')
+
+    parser.StartDoctypeDeclHandler = refuse_doctype
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     try:
@@ -191,24 +197,6 @@ def _encoding(data: bytes) -> str:
             return name
     declared = ENCODING.match(data)
     return declared[1].decode() if declared else 'utf-8'
-
-
-def _refuse_declarations(text: str) -> None:
-    """Raise UrdfError for DOCTYPE, ENTITY and similar declarations outside comments."""
-    at = text.find('<!')
-    while at >= 0:
-        # Only comments and character data may begin with <!; what they hold is skipped.
-        if text.startswith('<!--', at):
-            closing = '-->'
-        elif text.startswith('<![CDATA[', at):
-            closing = ']]>'
-        else:
-            raise UrdfError(f'XML: declaration {_short(text[at:at + 60])}; expected no '
-                            'document type or entity declarations')
-        end = text.find(closing, at + 4)
-        if end < 0:
-            return  # the parser refuses it
-        at = text.find('<!', end)
 
 
 def _short(text: object) -> str:

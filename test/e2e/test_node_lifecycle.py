@@ -5,7 +5,8 @@ import signal
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
 from lifecycle_msgs.msg import Transition
-from node_process import URDF, wait_until
+from lifecycle_msgs.srv import ChangeState
+from node_process import NAME, URDF, wait_until
 import numpy as np
 import pytest
 from std_msgs.msg import String
@@ -52,6 +53,28 @@ def test_without_autostart_the_node_waits_for_transitions(client, start):
     assert client.transition(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0])
     assert client.state() == 'finalized'
+
+
+def test_transitions_of_several_clients_at_once_are_done_one_after_the_other(
+        client, start):
+    node = start(autostart='false')
+    name = f'{NAME}/change_state'
+    clients = [client.create_client(ChangeState, name) for _ in range(3)]
+    assert wait_until(lambda: all(one.service_is_ready() for one in clients))
+    transitions = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE,
+                   Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    answers = []
+    for k in range(24):
+        # Each client is one transition further than the one before it.
+        for place, one in enumerate(clients):
+            transition = Transition(id=transitions[(k + place) % 4])
+            answers.append(one.call_async(ChangeState.Request(transition=transition)))
+        if k % 4 == 3:
+            wait_until(lambda: all(answer.done() for answer in answers), 5.0)
+    assert wait_until(lambda: client.state() in ('unconfigured', 'inactive', 'active'))
+    assert 'callback failed' not in node.log, node.log
+    code, _ = node.end(signal.SIGTERM)
+    assert code == 0, node.log
 
 
 @pytest.fixture

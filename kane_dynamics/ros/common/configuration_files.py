@@ -15,6 +15,7 @@ from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
 
 PACKAGE = 'kane_dynamics'
+BEFORE_XML = '\ufeff \t\r\n'
 MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thousand
 
 
@@ -58,6 +59,11 @@ def load_model(source: str | Path, values: Mapping[str, Any],
         The URDF is too large or invalid, or a parameter does not fit it.
 
     """
+    # A text is never a path: a topic could otherwise have any file of this machine read.
+    if isinstance(source, str) and not source.lstrip(BEFORE_XML).startswith('<'):
+        start = repr(source[:40])
+        raise InputError(f'robot_description: {start}; expected the URDF as XML text; '
+                         "parameter 'urdf' takes a path")
     # The size before anything is parsed.
     size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
     if size > MAX_URDF_BYTES:
@@ -79,6 +85,8 @@ def load_model(source: str | Path, values: Mapping[str, Any],
                           gravity=values['gravity'], supplement=supplement)
     for warning in caught:
         warn(str(warning.message))
+    if not model.n:
+        raise InputError(f"robot '{model.name}': no joint that moves; expected at least one")
     return model.prefixed(values['prefix']) if values['prefix'] else model
 
 

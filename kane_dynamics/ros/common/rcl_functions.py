@@ -80,7 +80,7 @@ def handle_address(entity: Any) -> int:
 
 def subscription_of_thread(node: Any, kind: Any, topic: str, qos: Any) -> Any:
     """
-    Return a subscription that no executor reads; `destroy` it at the end.
+    Return a subscription that no executor reads; `destroy_subscription_of_thread` ends it.
 
     Its events, such as an incompatible profile, are reported as usual.
     """
@@ -93,6 +93,12 @@ def subscription_of_thread(node: Any, kind: Any, topic: str, qos: Any) -> Any:
         raise UnsupportedError('rclpy: no list of subscriptions of a node; expected '
                                'one') from None
     return subscription
+
+
+def destroy_subscription_of_thread(node: Any, subscription: Any) -> None:
+    """Destroy a subscription that no executor reads, and its events, which one reads."""
+    node._subscriptions.append(subscription)
+    node.destroy_subscription(subscription)
 
 
 def guard_condition(context: Any) -> Any:

@@ -27,7 +27,8 @@ from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERR
                                           overrides_of, RELIABLE, SCENES,
                                           STATIC_TRANSFORMS, THREAD_STATES, TRANSFORMS,
                                           watched)
-from kane_dynamics.ros.common.rcl_functions import (guard_condition, handle_address,
+from kane_dynamics.ros.common.rcl_functions import (destroy_subscription_of_thread,
+                                                    guard_condition, handle_address,
                                                     subscription_of_thread,
                                                     UnsupportedError)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
@@ -434,7 +435,7 @@ class ConfiguredRobot:
                 if not needed:
                     return None
                 subscription = subscription_of_thread(node, kind, topic, qos)
-                entities.callback(subscription.destroy)
+                entities.callback(destroy_subscription_of_thread, node, subscription)
                 return subscription
             states = subscribe(JointState, 'joint_states', THREAD_STATES, True)
             guard = subscribe(Float64MultiArray, f'~/{STATE}', RELIABLE,

@@ -89,6 +89,9 @@ DECLARATIONS = {
     'entities': BOMB, 'file entity': '<!DOCTYPE r [<!ENTITY f SYSTEM '
     '"file:///etc/passwd">]><robot name="&f;"/>', 'parameter entity': '<!DOCTYPE r '
     '[<!ENTITY % p SYSTEM "http://x/"> %p;]><robot name="r"/>',
+    'behind an instruction that looks like a comment':
+        '<?x <!-- ?><!DOCTYPE r [<!ENTITY b "x">]><robot name="&b;"><link name="a"/>'
+        '</robot>',
     'lower case': '<!doctype robot><robot name="r"><link name="a"/></robot>',
     'behind a comment': '<?xml version="1.0"?><!-- --><?x y?> <!DOCTYPE r><robot '
     'name="r"/>', 'inside': '<robot name="r"><!ENTITY a "b"></robot>',
@@ -99,7 +102,7 @@ DECLARATIONS = {
 @pytest.mark.parametrize('codec', ['utf-8', 'utf-16', 'utf-32-be'])
 def test_declarations_are_refused_in_any_encoding(name, codec):
     with pytest.raises(UrdfError,
-                       match=r'XML: declaration .*; expected no document type or'):
+                       match=r'XML: .*; expected (no document type or|well-formed XML)'):
         load_urdf(DECLARATIONS[name].encode(codec))
 
 
