@@ -183,9 +183,7 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
             except ModuleNotFoundError as error:
                 if error.name != module:
                     raise
-        from kane_dynamics._util.attribute_hints import module_hint
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}'
-                             f'{module_hint(name, __all__)}')
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 
 def __dir__() -> list[str]:

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import warnings
 from xml.etree import ElementTree
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
@@ -61,7 +60,6 @@ class MjcfMechanism(NamedTuple):
     options: dict[str, Any]
 
 
-@hinting
 def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMechanism:
     """
     Load a mechanism from MJCF; needs the extra `mjcf`.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -39,7 +38,6 @@ class PowerBalance(NamedTuple):
                 - self.energy_rate)
 
 
-@hinting
 def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
                   wrench: Any = None, t: Any = 0.0) -> PowerBalance:
     """

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, names_of_joints
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -47,7 +46,6 @@ class Vibration:
     names: tuple[str, ...]
 
 
-@hinting
 def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibration:
     """
     Return natural frequencies and mode shapes at rest: M y'' + K y = 0, y' = u.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (
@@ -25,7 +24,6 @@ MOST = 4  # coordinates; closed forms of more are too long to read
 DIGITS = 6
 
 
-@hinting
 @dataclass(frozen=True)
 class ClosedForm:
     """
@@ -58,7 +56,6 @@ class ClosedForm:
         return {'mass_matrix': _count(upper), 'bias_force': _count(list(self.bias))}
 
 
-@hinting
 def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
                 progress: Callable[[float], object] = lambda done: None) -> ClosedForm:
     """

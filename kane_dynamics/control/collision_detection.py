@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded_class, hinting
 from kane_dynamics._util.checks import constant, names_of_joints, number, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
@@ -240,7 +240,6 @@ class FrameWrench(NamedTuple):
         return self.rest
 
 
-@hinting
 def frame_wrench(jacobian: Array, torque: Array, *, length: float = 0.3,
                  damping: float | None = None) -> FrameWrench:
     """

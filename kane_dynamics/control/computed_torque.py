@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import names_of_joints, per_joint, robot_like
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Scalar, Vector
@@ -344,7 +343,6 @@ def law_margin(robot: Robot, followed: Sequence[int], q: Vector, t: Scalar) -> S
 # -------------------------------------------------------------------------------------
 # The torque source.
 
-@fixed
 @dataclass(frozen=True, eq=False, init=False)
 class ComputedTorque:
     """

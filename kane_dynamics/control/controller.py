@@ -7,9 +7,9 @@ from functools import partial
 import math
 from typing import Any, Protocol
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import (constant, finite_row, number,
                                         per_joint, robot_like)
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import (corrected_acceleration,

@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance, per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.trajectory_feedforward import (FilledTrajectory, MOST_POINTS,
@@ -226,7 +225,6 @@ def warn_of_degrees_of_links(arm: ElasticArm, motion: Motion | SmoothMotion,
     warn_of_degrees(arm.robot, rows, 'motion', stacklevel)
 
 
-@hinting
 class MotorSideControl:
     """
     PD of the motors around the elastic feedforward: the passive law.

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, finite_times, instance, number
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control.collision_detection import detector_step
@@ -24,7 +23,6 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-@hinting
 def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
                        ) -> tuple[Kernel, Kernel, Kernel, Kernel]:
     """

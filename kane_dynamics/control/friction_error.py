@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import (finite_row, instance, names_of_joints, number,
                                         per_joint)
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Scalar
 from kane_dynamics.errors import InputError

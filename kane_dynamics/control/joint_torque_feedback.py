@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.control.elastic_feedforward import joints_with_actuators
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-@hinting
 class JointTorqueFeedback:
     """
     Feedback of the gears' torques, which gives the motors another inertia.

@@ -20,7 +20,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Scalar, Vector
@@ -47,7 +46,6 @@ from numpy.typing import ArrayLike
 BANDWIDTH = 30.0  # rad/s
 
 
-@hinting
 class LinkSideControl:
     """
     Computed torque of the links through the elasticity (feedback linearization).

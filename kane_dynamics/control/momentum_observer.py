@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import math
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import (finite_row, instance, number,
                                         per_joint, real_numbers)
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.friction_error import checked_friction_error, FrictionError
 from kane_dynamics.errors import ConstraintError, InputError

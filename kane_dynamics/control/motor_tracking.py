@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.elastic_control import check_side, effort_tolerance, LINK, MOTOR
@@ -32,7 +31,6 @@ STEP = 5e-4  # s
 SETTLED = 30.0  # time constants D / k until a deflection rests
 
 
-@hinting
 class MotorTracking:
     """
     PD of the motors around the elastic feedforward along a motion, also of closed loops.

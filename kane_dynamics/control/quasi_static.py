@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import instance, real_numbers
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -43,7 +42,6 @@ class Mode(StrEnum):
                         Mode.MOTOR_SIDE)
 
 
-@hinting
 @dataclass(frozen=True)
 class Terms:
     """Torque terms of the command; False for terms that the arm compensates itself."""

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, integer
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -37,7 +36,6 @@ LONGEST = 2**31 - 1  # s, of `time_from_start`, whose resolution is 1 ns
 LOOP_TOLERANCE = 0.02  # rad or m, of further joints from the closed loops
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class FilledTrajectory:
     """
@@ -74,7 +72,6 @@ class FilledTrajectory:
                                   self.accelerations, joint_names=self.joint_names)
 
 
-@hinting
 def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
                     velocities: ArrayLike | None = None,
                     accelerations: ArrayLike | None = None, *,

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 import math
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -32,7 +31,6 @@ SETTLED = 1e-9  # relative change of the last mass tried with beams or elastic j
 HEAVIEST = 1e6  # kg; beyond, nothing bounds the payload of elastic joints
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class PayloadBound:
     """
@@ -56,7 +54,6 @@ class PayloadBound:
     t: float | None = None
 
 
-@hinting
 def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
                     com: ArrayLike = (0.0, 0.0, 0.0),
                     inertia: ArrayLike | None = None, speed: float = 1.0,

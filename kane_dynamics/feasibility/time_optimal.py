@@ -11,7 +11,6 @@ depends on the kind of robot is in `path_robot`.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import (instance, integer, limit_per_joint,
                                         number)
 from kane_dynamics._util.typing import Array
@@ -61,7 +60,6 @@ FEW = 50  # every so many points show whether a path moves
 RESTING = 100.0  # roundings of its position that a joint at rest may vary by, at most
 
 
-@hinting
 def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
                  power: ArrayLike = math.inf,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,

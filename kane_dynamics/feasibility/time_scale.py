@@ -31,7 +31,6 @@ from dataclasses import dataclass
 from functools import partial
 import math
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -65,7 +64,6 @@ COARSE, WIDE, POWER = 0.01, 0.1, 4
 Indices = NDArray[np.int_]
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class TimeScale:
     """
@@ -89,7 +87,6 @@ class TimeScale:
     t: float | None = None
 
 
-@hinting
 def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.inf,
             step: float = STEP, power: ArrayLike = math.inf,
             bending: QuasiStatic | None = None,

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_limits import Bounds
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, STEP
@@ -29,7 +28,6 @@ class ActiveLimit(NamedTuple):
     limit: str  # a name in `TimeOptimal.uses`
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class TimeOptimal:
     """

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
@@ -48,7 +47,6 @@ class Excess(NamedTuple):
                 f'{self.bound:.{digits}g}')
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Demand:
     """
@@ -162,7 +160,6 @@ class Demand:
         return excesses
 
 
-@hinting
 def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
            step: float = STEP, power: ArrayLike = math.inf,
            bending: QuasiStatic | None = None,

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, integer, per_joint
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
@@ -24,7 +23,6 @@ ROUNDS = 8  # of reweighting, which converges in three or four
 USUAL = 0.05  # rad/s or m/s, initial friction speed of the search
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
     """
@@ -53,7 +51,6 @@ class BaseParameters:
         return found
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class BaseFit:
     """
@@ -94,7 +91,6 @@ def true_unknowns(model: Model) -> Array:
     return np.concatenate([inertial_parameters(model), losses])
 
 
-@hinting
 def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: int = 200
                     ) -> BaseParameters:
     """
@@ -158,7 +154,6 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
     return ' '.join(parts)
 
 
-@hinting
 @on_one_processor
 def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
              weighted: bool = True) -> BaseFit:
@@ -217,7 +212,6 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
                    float(singular[0] / singular[-1]), residual)
 
 
-@hinting
 @on_one_processor
 def base_speeds(data: RegressionRows, model: Model) -> Array:
     """

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.control.collision_detection import CollisionDetector
@@ -29,7 +28,6 @@ STEPS = 3.0  # mean steps of time: after a longer one the observer restarts
 CONTACT = 4.0  # largest over the 99th percentile of estimates: suspect of a contact
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class CollisionCalibration:
     """
@@ -106,7 +104,6 @@ class _Estimates:
                           self.offset[chosen], self.settled[chosen])
 
 
-@hinting
 def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.0,
                         margin: float = MARGIN, drift: float = DRIFT, held: bool = False,
                         uncertainty: Uncertainty | None = None) -> CollisionCalibration:

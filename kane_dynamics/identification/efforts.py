@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.known_arms import EffortKind
@@ -21,7 +20,6 @@ LITTLE, MOST = 0.3, 0.7  # share of the weight that efforts at rest hold, withou
 WEIGHTLESS = 1e-3  # N m or N: gravity forces below this tell nothing
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Efforts:
     """

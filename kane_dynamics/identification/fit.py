@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
@@ -54,7 +53,6 @@ OTHER_TERMS: dict[str, Any] = {'friction_backward': None, 'breakaway_friction': 
                                'presliding_stiffness': 0.0, 'presliding_damping': 0.0}
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Identification:
     """
@@ -181,7 +179,6 @@ class Identification:
         return self.unknowns[-4 * self.given.n:].reshape(-1, 4)
 
 
-@hinting
 @on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              bounded: bool = True, weight: float | None = None,

@@ -38,7 +38,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
@@ -121,7 +120,6 @@ class ModelChange(NamedTuple):
         return f'{of}: friction {"up" if self.size > 0.0 else "down"}, {percent}'
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class WatchReport:
     """
@@ -219,7 +217,6 @@ class _DelayScores(NamedTuple):
         return CauseSizes(np.array([delay]), without_blocks)
 
 
-@hinting
 class ModelWatch:
     """
     Compares recordings with a model and with a sound recording.

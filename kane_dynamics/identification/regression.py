@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number, real_numbers
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
@@ -129,7 +128,6 @@ def without_losses(model: Model) -> Model:
     return replace(model, bodies=tuple(bodies))
 
 
-@hinting
 def rows(model: Model, recording: Recording,
          standstill: float = STANDSTILL) -> RegressionRows:
     """Return the regression data of a recording; raise InputError for other joints."""
@@ -197,7 +195,6 @@ def _fitted_friction(factor: Factor, speed: float, lowest: Array) -> tuple[Array
     return x, float(missed @ missed)
 
 
-@hinting
 def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
     """
     Return the friction speed that fits best for each joint, (n,), rad/s or m/s.

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
@@ -48,7 +47,6 @@ PARTS = 0.1  # of a unit vector that an error states
 SLACK = 1e-9  # of limits of speed, relative
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class CartesianMotion:
     """
@@ -93,7 +91,6 @@ class _State(NamedTuple):
     singular_values: Array
 
 
-@hinting
 def cartesian_motion(robot: Robot, frame: str, q: ArrayLike,
                      path: PosePath | PoseMotion | ArrayLike,
                      limits: PoseLimits | None = None, *, duration: float | None = None,

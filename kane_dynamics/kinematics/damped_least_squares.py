@@ -14,7 +14,6 @@ from collections.abc import Collection, Sequence
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import (finite_row, instance, integer,
                                         number, real_numbers)
 from kane_dynamics._util.text import SHORT
@@ -57,7 +56,6 @@ class InverseKinematics(NamedTuple):
     iterations: int
 
 
-@hinting
 def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
                        q0: ArrayLike | None = None, *,
                        joints: Sequence[str] | None = None, tolerance: float = 1e-8,

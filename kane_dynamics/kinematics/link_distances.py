@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, real_numbers
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
@@ -46,7 +45,6 @@ class NearestLinks:
     row: int = 0
 
 
-@hinting
 class LinkDistances:
     """
     Distances between the links of a robot, and between links and obstacles.

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed, hinting
 from kane_dynamics._util.checks import instance, number, real_numbers
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.pose_path import PosePath, RADIUS
@@ -21,7 +21,6 @@ BRIEFEST = 1e-6  # s, of a motion
 SHAPE = np.array([np.inf, np.inf, 1.0])
 
 
-@hinting
 @dataclass(frozen=True)
 class PoseLimits:
     """

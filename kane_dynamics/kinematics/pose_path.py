@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, finite_row, number, real_numbers
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import real_numbers
 from kane_dynamics._util.orientation import skew, stated_rotation
 from kane_dynamics._util.typing import Array
@@ -24,7 +23,6 @@ UPRIGHT = 1e-12  # cosine of the pitch at which roll and yaw are one rotation
 LARGEST = 1e12  # rad, the limit of joint positions too
 
 
-@hinting
 def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = None,
               quaternion: ArrayLike | None = None) -> Array:
     """
@@ -74,7 +72,6 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
                         np.broadcast_to(p, (*shape, 3)))
 
 
-@hinting
 def rotation_rpy(rotation: ArrayLike) -> Array:
     """
     Return roll, pitch and yaw of a rotation about the fixed x, y and z axes, as in URDF.
@@ -114,7 +111,6 @@ def rotation_rpy(rotation: ArrayLike) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
-@hinting
 def rotation_quaternion(rotation: ArrayLike) -> Array:
     """
     Return the unit quaternion x, y, z, w of a rotation, with w >= 0.
@@ -138,7 +134,6 @@ def rotation_quaternion(rotation: ArrayLike) -> Array:
     return np.concatenate([q[..., 1:], q[..., :1]], axis=-1)
 
 
-@hinting
 def rotation_exp(vector: ArrayLike) -> Array:
     """
     Return the rotation matrix of a rotation vector (Rodrigues' formula).
@@ -166,7 +161,6 @@ def rotation_exp(vector: ArrayLike) -> Array:
     return np.asarray(np.eye(3) + _sinc(angle) * W + second * (W @ W))
 
 
-@hinting
 def rotation_log(rotation: ArrayLike) -> Array:
     """
     Return the rotation vector of a rotation, its length at most pi.
@@ -194,7 +188,6 @@ def rotation_log(rotation: ArrayLike) -> Array:
     return _logarithm(_rotation(_numbers(rotation, (3, 3), 'rotation'), 'rotation'))
 
 
-@hinting
 def pose_exp(twist: ArrayLike) -> Array:
     """
     Return the pose that a constant twist reaches in unit time.
@@ -229,7 +222,6 @@ def pose_exp(twist: ArrayLike) -> Array:
     return _homogeneous(rotation_exp(w), (V @ v[..., None])[..., 0])
 
 
-@hinting
 def pose_log(pose: ArrayLike) -> Array:
     """
     Return the constant twist that reaches a pose in unit time: inverse of `pose_exp`.
@@ -264,7 +256,6 @@ def pose_log(pose: ArrayLike) -> Array:
     return np.concatenate([(inverse_V @ T[..., :3, 3:])[..., 0], w], axis=-1)
 
 
-@hinting
 def pose_error(actual: ArrayLike, desired: ArrayLike) -> Array:
     """
     Return the displacement from one pose to another, linear then angular, in world axes.

@@ -31,7 +31,6 @@ from functools import lru_cache
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import (constant, finite_row, instance,
                                         names_of_joints, number)
 from kane_dynamics._util.fork_safety import lazy_property
@@ -770,7 +769,6 @@ class LoopStep:
 # -------------------------------------------------------------------------------------
 # What is accepted.
 
-@hinting
 class LoopTracker:
     """
     Tracks the configuration of a mechanism with closed loops by its measured joints.

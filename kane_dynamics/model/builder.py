@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded_class, meant_keyword
 from kane_dynamics._util.checks import constant, instance
+from kane_dynamics._util.fixed_attributes import closest, guarded_class
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, ModelWarning
@@ -602,7 +602,7 @@ def _check_properties(joint: str, properties: dict[str, Any],
     # A misspelled name is answered with the one that was meant.
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
-        meant = meant_keyword(unknown[0], (*arguments, *PROPERTIES))
+        meant = closest(unknown[0], (*arguments, *PROPERTIES))
         expected = meant or f'one of {", ".join(PROPERTIES)}'
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected "
                          f'{expected}')

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, number, shape_of
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.text import SHORT
@@ -39,7 +38,6 @@ FRICTION_POWERS = {'damping': 2, 'quadratic_damping': 3, 'friction': 1,
 ROUNDING = 0.25  # of the shortest segment of a curve: default of half a corner's width
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class StiffnessCurve:
     """
@@ -119,7 +117,6 @@ class StiffnessCurve:
         return 0.0 if self.torque[0] else float(self.deflection[0])
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Drive:
     """

@@ -12,7 +12,6 @@ import math
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
@@ -31,7 +30,6 @@ from numpy.typing import ArrayLike
 Poses = Mapping[str, ArrayLike]
 
 
-@hinting
 def with_tool(model: Model, on: str, name: str, inertial: Inertial, *,
               at: ArrayLike = ORIGIN,
               rpy: ArrayLike = ORIGIN, quaternion: ArrayLike | None = None,
@@ -95,7 +93,6 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *,
     return builder.model()
 
 
-@hinting
 def with_model(model: Model, other: Model, on: str, *, at: ArrayLike = ORIGIN,
                rpy: ArrayLike = ORIGIN, quaternion: ArrayLike | None = None,
                prefix: str = '') -> Model:
@@ -128,7 +125,6 @@ def with_model(model: Model, other: Model, on: str, *, at: ArrayLike = ORIGIN,
     return builder.model()
 
 
-@hinting
 def with_names(model: Model, names: Mapping[str, str]) -> Model:
     """
     Return a model with other names of joints, bodies or frames.
@@ -170,7 +166,6 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     return replace(model.renamed(new_name), name=new_name(model.name))
 
 
-@hinting
 def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     Return a model in which some joints, and those that mimic them, are locked.

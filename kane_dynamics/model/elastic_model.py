@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
@@ -21,7 +20,6 @@ import numpy as np
 SUFFIX = '_motor'  # of the name of a motor's joint and body
 
 
-@hinting
 def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
     """
     Return the model with elastic joints: a drive's motor and spring at each.
@@ -74,7 +72,6 @@ def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
                    coordinate_names=quaternion_names(names, bodies, model.balls))
 
 
-@hinting
 def with_rigid_joints(model: Model) -> Model:
     """
     Return the model with rigid joints for elastic ones: the motors follow the links.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -21,7 +20,6 @@ DEPENDENT = 1e-10  # relative singular value below which shapes are linearly dep
 ROUNDING = 1e-12  # relative size below which entries are zero
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class FlexibleLink:
     """

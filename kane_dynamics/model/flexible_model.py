@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -18,7 +17,6 @@ Place = tuple[int, Array, Array]  # a body, and a rotation and a translation in 
 ON_AXIS = 1e-9  # relative to the length: distance at which a joint is at a section
 
 
-@hinting
 def with_beam(model: Model, link: str, beam: FlexibleLink,
               riders: Collection[tuple[str, Inertial]] = ()) -> Model:
     """
@@ -112,7 +110,6 @@ def _on_sections(model: Model, bent: int,
     return joints, frames
 
 
-@hinting
 def stiffened(model: Model) -> Model:
     """Return the model with rigid links for beams, without modal coordinates."""
     instance(model, Model, 'model')

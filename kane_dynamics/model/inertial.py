@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Inertial:
     """

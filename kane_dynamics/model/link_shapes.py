@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelWarning
@@ -22,7 +21,6 @@ JOINT_COLOR = np.array([0.38, 0.42, 0.48])
 ROD_RADIUS = 0.02  # in units of the robot's size
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class LinkShape:
     """

@@ -8,7 +8,6 @@ from functools import cache
 import math
 from typing import Literal
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -19,7 +18,6 @@ Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each
 Function = Callable[[Array], Shapes]
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Bending:
     """
@@ -96,7 +94,6 @@ class Bending:
         return _wave_number(self.kind, self.tip_mass / mass, k)
 
 
-@hinting
 @dataclass(frozen=True)
 class Torsion:
     """

@@ -16,7 +16,6 @@ import hashlib
 import math
 from typing import Literal
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze, plain_record
@@ -48,7 +47,6 @@ NONNEGATIVE = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
-@fixed
 @dataclass(frozen=True)
 class Limits:
     """Limits of a joint: position (rad, m), velocity (rad/s, m/s), effort (N m, N)."""
@@ -99,7 +97,6 @@ def _least(bound: float, other: float) -> float:
     return min(bound, other)
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Joint:
     """
@@ -267,7 +264,6 @@ class Joint:
         return f"<Joint '{self.name}': {', '.join(words)}>"
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Body:
     """Body: name, index of its parent (WORLD: -1), joint, inertial and beam."""
@@ -286,7 +282,6 @@ class Body:
                 f"{self.joint.kind} joint '{self.joint.name}' on {carrier}>")
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Named frame with pose (rotation, translation) on body `body` (or WORLD)."""
@@ -304,7 +299,6 @@ class Frame:
                 f'{carrier}{turned}>')
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Model:
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -21,13 +20,11 @@ def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     return lengths
 
 
-@hinting
 def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a particle of `mass`, kg, at a point, m."""
     return Inertial(mass, point(at, 'place of a point mass'))
 
 
-@hinting
 def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
     """
     Return the inertial of a thin rod: m/12 (l^2 1 - l l^T), with l from end to end.
@@ -57,7 +54,6 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
     return Inertial(mass, 0.5 * (a + b), inertia)
 
 
-@hinting
 def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
          at: ArrayLike = ORIGIN, thickness: float = 0.0) -> Inertial:
     """
@@ -94,7 +90,6 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     return Inertial(mass, point(at, 'center of a disc'), inertia)
 
 
-@hinting
 def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
@@ -103,7 +98,6 @@ def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     return Inertial(mass, point(at, 'center of a ball'), inertia)
 
 
-@hinting
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a box with edges (3,), m: m/12 (b^2 + c^2) about a."""
     squares: Array = _size(size, (3,), 'size of a box')**2

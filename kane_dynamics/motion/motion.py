@@ -15,8 +15,8 @@ from functools import cached_property
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import number
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import instance, number, real_numbers
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError

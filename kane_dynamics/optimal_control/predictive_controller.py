@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.momentum_observer import MomentumObserver
@@ -15,7 +14,6 @@ from numpy.typing import ArrayLike
 FIRST = 100  # iterations from the first state
 
 
-@hinting
 class PredictiveController:
     """
     Predictive controller: one or a few iterations of an optimizer in every cycle.

@@ -8,7 +8,6 @@ are compared with. The arrays and their kernels are in `horizon_kernels`.
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed, hinting
 from kane_dynamics._util.checks import (constant, finite_row, instance, integer, number,
                                         per_joint, positive_time)
 from kane_dynamics._util.typing import Array
@@ -31,7 +30,6 @@ RAISED = 10.0  # factor of the regularization
 OVERFLOW = 1e20  # regularization at which derivatives that overflow are given up
 
 
-@fixed
 @dataclass(frozen=True)
 class CostWeights:
     """
@@ -63,7 +61,6 @@ class CostWeights:
     excess_speed: Any = 100.0
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class OptimizedMotion:
     """
@@ -104,7 +101,6 @@ class OptimizedMotion:
     feasible: bool = True
 
 
-@hinting
 class TrajectoryOptimizer:
     """
     Torques that minimise a cost over a horizon of equal intervals, within their limits.

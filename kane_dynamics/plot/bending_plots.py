@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.vibration import natural_vibration
 from kane_dynamics.errors import InputError
@@ -25,7 +24,6 @@ _AGES = LinearSegmentedColormap.from_list('ages', [BLUE, SKY, ORANGE, RED])
 Lines = list[tuple[bool, Array]]  # whether it is a beam, and its points (k, 3), m
 
 
-@hinting
 def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
                  path: Path | None = None, *, exaggeration: float = 1.0,
                  plane: str | None = None, title: str = 'Bending arm') -> Figure:
@@ -77,7 +75,6 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     return figure
 
 
-@hinting
 def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
                     held: Sequence[str] = (),
                     count: int = 4, plane: str | None = None,

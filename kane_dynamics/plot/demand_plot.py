@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics.plot.style import (BLUE, hide_rounding, NOISE, panel_unit, Path, RED,
                                       styled, time_axis)
 from matplotlib.figure import Figure
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from kane_dynamics.feasibility import Demand
 
 
-@hinting
 def plot_demand(demand: Demand, path: Path | None = None, *,
                 prismatic: Collection[str] = (),
                 title: str = 'Torque, speed and power against the limits') -> Figure:

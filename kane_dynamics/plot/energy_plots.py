@@ -2,7 +2,6 @@
 
 import copy
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot.style import (above, BLUE, GREEN, INK, ORANGE, Path, plot_lines,
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 import numpy as np
 
 
-@hinting
 def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                 title: str | None = None) -> Figure:
     """

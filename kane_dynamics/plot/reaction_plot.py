@@ -1,6 +1,5 @@
 """Plot of joint reactions."""
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, INK, legend_below, Path,
                                       plot_lines, RED, show_at_least, styled, time_axis,
@@ -14,7 +13,6 @@ import numpy as np
 _AXES = {'x': RED, 'y': GREEN, 'z': BLUE}
 
 
-@hinting
 def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                    title: str | None = None) -> Figure:
     """

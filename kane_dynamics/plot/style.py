@@ -5,7 +5,6 @@ from contextlib import contextmanager
 import os
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
@@ -49,7 +48,6 @@ _UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m',
           'Power': ('W', 'W')}
 
 
-@hinting
 def check_path(path: Path) -> None:
     """Raise InputError if the suffix of a picture's path is no supported format."""
     if not isinstance(path, (str, os.PathLike)):

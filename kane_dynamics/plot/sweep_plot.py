@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.plot.style import BLUE, Path, RED, styled
@@ -15,7 +14,6 @@ RESULTS = {'peak_torque.': 'Largest torque\n[N m, N]',
            'rms_error.': 'Largest tracking error, RMS\n[rad, m]'}
 
 
-@hinting
 def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
                title: str = 'Sweep') -> Figure:
     """

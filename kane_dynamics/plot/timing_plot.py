@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics.plot.style import BLUE, Path, RED, styled, time_axis
 from matplotlib.figure import Figure
 
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from kane_dynamics.feasibility import TimeOptimal
 
 
-@hinting
 def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
                 title: str = 'Use of the limits by the fastest timing') -> Figure:
     """

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK,
                                       legend_below, limit_lines, NOISE, ORANGE,
@@ -19,7 +18,6 @@ _SOURCES = {'inertia': BLUE, 'Coriolis, centrifugal': ORANGE, 'gravity': '#B9BEC
 LABELS = (*_SOURCES, 'sum', 'limit')
 
 
-@hinting
 def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None,
                           *,
                           title: str | None = None) -> Figure:
@@ -51,7 +49,6 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     return figure
 
 
-@hinting
 def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
                 path: Path | None = None, *, prismatic: Collection[str] = (),
                 limits: Array | None = None,

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, hide_rounding, INK,
                                       legend_below, NOISE, panel_unit, Path, PINK, RED,
@@ -16,7 +15,6 @@ _RUNS = (RED, BLUE, GREEN, PINK)
 Run = tuple[Array, Array, Array]
 
 
-@hinting
 def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
                   path: Path | None = None, *,
                   sources: tuple[Array, Array] | None = None,

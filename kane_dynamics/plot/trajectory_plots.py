@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import chain, cycle, product
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.plot.style import (above, BLUE, GREY, grid, hide_rounding, INK,
@@ -25,7 +24,6 @@ WIDE = 3.4  # line width of the first joint
 SLIM = 1.0  # of the last
 
 
-@hinting
 def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                     prismatic: Collection[str] = (), limits: JointLimits | None = None,
                     title: str = 'Simulated motion') -> Figure:
@@ -174,7 +172,6 @@ def _energies(axes: Axes, trajectory: Trajectory) -> None:
     above(axes, 3)
 
 
-@hinting
 def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                title: str | None = None) -> Figure:
     """

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed, missing, refused
 from kane_dynamics._util.checks import constant, real_numbers
+from kane_dynamics._util.fixed_attributes import refused
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -18,7 +18,6 @@ from kane_dynamics.model.plausible_sizes import reach, warn_of_distance
 import numpy as np
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """
@@ -93,11 +92,6 @@ class Parameters:
         if not hasattr(type(self), name):
             raise AttributeError(refused(self, name))
         object.__setattr__(self, name, value)
-
-    if not TYPE_CHECKING:  # type checkers report missing attributes themselves
-        def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError with a hint for a missing attribute."""
-            raise AttributeError(missing(self, name))
 
     def __repr__(self) -> str:
         """Return the values on one line."""

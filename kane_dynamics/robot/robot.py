@@ -7,11 +7,10 @@ from functools import partial
 from inspect import isfunction
 import os
 from pathlib import Path
-from typing import Any, Self, TYPE_CHECKING
+from typing import Any, Self
 
-from kane_dynamics._util.attribute_hints import (hinting_method, HintingClass, missing,
-                                                 refused)
 from kane_dynamics._util.checks import integer
+from kane_dynamics._util.fixed_attributes import refused
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
@@ -42,7 +41,7 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # lengths of the mechanism, and rad
 
 
-class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
+class Robot(FrameworkMethods, Configurations):
     """
     The compiled dynamics of one manipulator or mechanism.
 
@@ -202,11 +201,6 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             value = checked_limits(value, self.coordinate_names, self.joint_names)
         super().__setattr__(name, value)
 
-    if not TYPE_CHECKING:  # type checkers report missing attributes themselves
-        def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError with a hint for a missing attribute."""
-            raise AttributeError(missing(self, name))
-
     def __repr__(self) -> str:
         """Return name, size and joints on one line."""
         return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
@@ -237,7 +231,6 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
 
-    @hinting_method
     def copy(self) -> Robot:
         """
         Return a robot with the same machine code and a copy of the parameters.
@@ -260,7 +253,6 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         other._entries = {}
         return other
 
-    @hinting_method
     def with_payload(self, frame: str, payload: Inertial | None) -> Robot:
         """
         Return a robot that carries a payload at a frame.
@@ -314,14 +306,12 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             self._others[frames] = other
         return other
 
-    @hinting_method
     def equals(self, other: Robot) -> bool:
         """Return whether another robot has the same equations and current parameters."""
         return self is other or bool(
             self.kernels.key is not None and self.kernels.key == other.kernels.key
             and np.array_equal(self.parameters.block, other.parameters.block))
 
-    @hinting_method
     def compiled(self, function: Callable[..., Any], *, shape: Shape,
                  name: str | None = None,
                  **inputs: Shape) -> Kernel:
@@ -373,12 +363,10 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             shapes[key] = _checked_shape(value, f'shape of {key}')
         return self.kernels.compiled(function, name, shapes, _checked_shape(shape, 'shape'))
 
-    @hinting_method
     def bind(self) -> Workspace:
         """Return a workspace: preallocated arrays with calls that allocate nothing."""
         return Workspace(self.kernels)
 
-    @hinting_method
     def verify(self, states: int = 5) -> float:
         """
         Compare the compiled kernels with the definition of Kane's equations.
@@ -400,7 +388,6 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         from kane_dynamics.robot.verification import verified  # imports the definition
         return verified(self, states)
 
-    @hinting_method
     def export_c(self, path: str | os.PathLike[str],
                  kernels: Sequence[str | Kernel] = DEFAULT_KERNELS, *,
                  scalar: str = 'float64',

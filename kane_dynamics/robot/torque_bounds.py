@@ -32,7 +32,6 @@ from dataclasses import dataclass, fields, replace
 from functools import wraps
 from typing import Any, NoReturn
 
-from kane_dynamics._util.attribute_hints import hinting, hinting_method
 from kane_dynamics._util.checks import instance, number, shape_of
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
@@ -62,7 +61,6 @@ DEVIATION = 'torque_deviation', ''
 JOINT_DEVIATION = 'joint_torque_deviation', ''
 
 
-@hinting
 class TorqueBounds:
     """
     Smallest and largest torque, (n,) or (N, n) arrays, N m or N.
@@ -95,7 +93,6 @@ class TorqueBounds:
         return f'TorqueBounds(lower={self.lower!r}, upper={self.upper!r})'
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
     """
@@ -267,7 +264,7 @@ class OfSameBox:
     """
 
     def __init__(self, method: Callable[..., TorqueBounds]) -> None:
-        self.checked = hinting_method(method)
+        self.checked = method
         self.__doc__ = method.__doc__
 
     def __get__(self, robot: Any, owner: type | None = None) -> Any:

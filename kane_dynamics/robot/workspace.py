@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
@@ -118,7 +117,6 @@ class Workspace(entry.NativeMethods):
         """Raise TypeError: a workspace is bound to memory of this process."""
         raise TypeError('workspace: copied or pickled; expected robot.bind() again')
 
-    @hinting_method
     def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
         """
         Return a frame quantity as a function without arguments.
@@ -144,7 +142,6 @@ class Workspace(entry.NativeMethods):
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
-    @hinting_method
     def reaction(self, joint: str) -> Callable[[], Any]:
         """
         Return `Robot.joint_reaction` at a joint as a function without arguments.

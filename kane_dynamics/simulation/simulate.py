@@ -20,7 +20,6 @@ from operator import attrgetter
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import joints_that_follow, law_kernel
@@ -66,7 +65,6 @@ AFTERWARDS = ('forward_dynamics', 'constraint_forces', 'constraint_residual',
               'constraint_velocity_residual')
 
 
-@hinting
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,

@@ -9,7 +9,6 @@ import math
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -48,7 +47,6 @@ class LongestStep(NamedTuple):
     name: str = ''
 
 
-@hinting
 def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> LongestStep:
     """
     Return the longest Runge-Kutta step that is stable near a state.

@@ -9,7 +9,6 @@ from functools import partial
 import os
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.npz import npz_arrays
@@ -101,7 +100,6 @@ EVENTS: dict[str, Any] = {'limit_events': LimitEvent, 'speed_changes': SpeedChan
                           'stop_events': StopEvent}
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """

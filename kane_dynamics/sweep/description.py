@@ -7,7 +7,6 @@ import json
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
@@ -35,7 +34,6 @@ PAYLOAD_KEYS = ('frame', 'mass', 'com', 'gyration')
 CONTROLLER_KEYS = ('kind', 'kp', 'kd', 'known_payload')
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """

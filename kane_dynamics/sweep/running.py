@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import os
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import integer
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.errors import ModelWarning
@@ -17,7 +16,6 @@ from kane_dynamics.sweep.table import SweepTable
 from kane_dynamics.sweep.workers import cluster, Done, here, processes
 
 
-@hinting
 @dataclass(frozen=True)
 class Summary:
     """Numbers of trials of a run: found in the table, computed, failed among the computed."""
@@ -28,7 +26,6 @@ class Summary:
     digest: str
 
 
-@hinting
 def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
               workers: int | None = None,
               dask: str | None = None) -> Summary:

@@ -15,7 +15,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import InputError, SweepError
 from kane_dynamics.sweep.description import Sweep
@@ -163,7 +162,6 @@ class SweepTable:
                     and rows['index'].to_pylist() == list(self.sweep.rows(chunk)))
 
 
-@hinting
 def read_table(folder: str | os.PathLike[str]) -> Any:
     """
     Return the rows of a folder, in order, as a ``pyarrow.Table``.

@@ -24,8 +24,8 @@ from dataclasses import replace
 import math
 from typing import Any, Literal, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints
 from kane_dynamics.control.terms import EVERY_TERM, Terms

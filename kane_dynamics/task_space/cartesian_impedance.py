@@ -25,8 +25,8 @@ import math
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms

@@ -22,8 +22,8 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid

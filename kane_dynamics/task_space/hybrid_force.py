@@ -19,8 +19,8 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, number, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select

@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, instance, per_joint
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints, law_margin
 from kane_dynamics.control.terms import EVERY_TERM, Terms

@@ -21,8 +21,8 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.attribute_hints import guarded_class
 from kane_dynamics._util.checks import finite_row, number
+from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError

@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import instance
+from kane_dynamics._util.fixed_attributes import fixed
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.native.runtime.kernel import Kernel

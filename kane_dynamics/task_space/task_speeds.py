@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -33,7 +32,6 @@ from numpy.typing import ArrayLike
 SINGULAR = 1e-6  # relative singular value of the velocity's rows at the configuration
 
 
-@hinting
 def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
                    directions: Sequence[str] | None = None,
                    configuration: ArrayLike | None = None) -> Robot:

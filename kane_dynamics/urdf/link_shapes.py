@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.deferred_import import forks_wait
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -61,7 +60,6 @@ def load_collisions(source: Source) -> tuple[LinkShape, ...]:
     return _load(source, 'collision')
 
 
-@hinting
 def load_collision_shapes(source: Source) -> tuple[LinkShape, ...]:
     """
     Return simple shapes that contain the links of a URDF: boxes, cylinders and spheres.

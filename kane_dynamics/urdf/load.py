@@ -7,7 +7,6 @@ import os
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.deferred_import import forks_wait
 from kane_dynamics.errors import ModelWarning, UnusedWarning
 from kane_dynamics.model.model import GRAVITY, Model
@@ -22,7 +21,6 @@ __all__ = ['load_urdf']
 warnings.simplefilter('ignore', UnusedWarning, append=True)
 
 
-@hinting
 def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None,
               tip: str | None = None, joints: Sequence[str] | None = None,
               locked: Mapping[str, float] | None = None, drop: Sequence[str] = (),

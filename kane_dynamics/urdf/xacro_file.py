@@ -11,7 +11,6 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.parsers.expat import ExpatError
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import InputError, UrdfError
 
@@ -19,7 +18,6 @@ SUFFIX = '.xacro'
 _lock = Lock()  # xacro keeps what it processes in module variables
 
 
-@hinting
 def expand_xacro(path: str | os.PathLike[str],
                  arguments: Mapping[str, Any] | None = None) -> str:
     """

@@ -9,7 +9,6 @@ import threading
 import time
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.control.computed_torque import followed_joints
@@ -38,7 +37,6 @@ _STEP = 1e-3  # of a slider, rad or m
 _MOST = 2000  # states of a trajectory
 
 
-@hinting
 class Window:
     """
     Viewer of a robot in the browser.

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import os
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -21,7 +20,6 @@ SIGNALS = ('theta', 'q', 'motor_torque', 'gear_torque')
 LEAST_ROWS = 200
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class DriveRecording:
     """
@@ -179,7 +177,6 @@ class DriveRecording:
         return replace(self, t=self.t[recorded], **columns)
 
 
-@hinting
 def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                          ratio: ArrayLike = 1.0) -> DriveRecording:
     """

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -63,7 +62,6 @@ class DriveNumber(NamedTuple):
     reason: str = ''
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class DriveIdentification:
     """
@@ -161,7 +159,6 @@ torque_delay_deviation : (n,) arrays
         return yaml.safe_dump({'drives': entries}, sort_keys=False)
 
 
-@hinting
 @on_one_processor
 def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                     skew: float | None = None, segments: int = 1) -> DriveIdentification:

@@ -17,7 +17,6 @@ import math
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, integer, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -87,7 +86,6 @@ class _Limits(NamedTuple):
         return q[is_clear]
 
 
-@hinting
 def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
                     speeds: ArrayLike = (0.01, 0.05, 0.25), reach: float = 0.1,
                     share: float = 0.9, seed: int = 0, floor: float | None = None,

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import math
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -29,7 +28,6 @@ CENTERS = 50  # of which the search starts from the first that is clear
 SMALLEST = 0.05  # amplitude, relative, that is still worth a recording
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """
@@ -86,7 +84,6 @@ class Excitation:
         return Motion.from_points(t, *self.sample(t), joint_names=self.joint_names)
 
 
-@hinting
 @on_one_processor
 def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
            seed: int = 0, starts: int = 2, share: float = 0.9,

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -21,7 +20,6 @@ DOUBT = 10.0  # of friction and offset that the model does not know, in deviatio
 LARGEST = 1e100  # whose products over blocks do not overflow
 
 
-@hinting
 class PayloadEstimator:
     """
     Mass and center of mass of a payload while the arm moves, by recursive least squares.

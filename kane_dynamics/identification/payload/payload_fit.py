@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
@@ -29,7 +28,6 @@ ROUNDING = 1e-12  # of the largest information
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Payload:
     """
@@ -67,7 +65,6 @@ class Payload:
     condition: float
 
 
-@hinting
 @on_one_processor
 def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> Payload:
     """

@@ -14,7 +14,6 @@ from itertools import combinations
 import math
 from typing import Literal, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import (check_recording,
@@ -74,7 +73,6 @@ UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
          (1e-3, 'are they in units 1000 times as large?'))
 
 
-@hinting
 @dataclass(frozen=True)
 class RecordingFault:
     """
@@ -103,7 +101,6 @@ class _Repair(NamedTuple):
     factor: float = 1.0  # by which its efforts were divided
 
 
-@hinting
 @on_one_processor
 def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
              ) -> list[RecordingFault]:

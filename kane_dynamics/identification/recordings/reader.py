@@ -6,7 +6,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.file_kinds import LONGEST, seems
 from kane_dynamics._util.npz import npz_arrays
@@ -28,7 +27,6 @@ LABELS = ('joint_names', 'speed_names')
 SEPARATORS = {';': 'semicolons', '\t': 'tabs'}  # of other tables than CSV
 
 
-@hinting
 def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                    topic: str | None = None, *, numbered: Sequence[str] | None = None
                    ) -> Recording:

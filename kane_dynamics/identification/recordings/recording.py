@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing, instance, number
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Flags
@@ -22,7 +21,6 @@ MOST_RESAMPLING = 10  # rows for each recorded one
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
-@fixed
 @dataclass(frozen=True, eq=False)
 class Recording:
     """

@@ -27,7 +27,6 @@ torques clearly worse.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
@@ -59,7 +58,6 @@ SHORTEST = 0.004  # s, of a delay that is reported
 SURE, DIFFERENT = 2.0, 3.0  # standard deviations: of a common delay, of a joint's from the common
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class TorqueDelays:
     """
@@ -109,7 +107,6 @@ class TorqueDelays:
         return self.judged & outlying & ~self.friction_memory
 
 
-@hinting
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """
     Return the delays of the torques of a recording; noisy accelerations are filtered first.

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError, InputError
@@ -25,7 +24,6 @@ Function = Callable[[Any, Any], Any]
 JOINT_RATES = 'joint_rates'  # key of the default choice
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Speeds:
     """
@@ -90,7 +88,6 @@ def joint_rates(model: Model) -> Speeds:
     return Speeds(lambda q, t: unit, None, model.joint_names, JOINT_RATES)
 
 
-@hinting
 def absolute_rates(model: Model) -> Speeds:
     """
     Return each body's angular velocity along its own joint axis; others are joint rates.
@@ -122,7 +119,6 @@ def absolute_rates(model: Model) -> Speeds:
     return Speeds(Y, None, names, 'absolute_rates')
 
 
-@hinting
 def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
     """
     Return the speeds omega . b1, b2, b3 in a body's axes instead of angle rates.
@@ -173,7 +169,6 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
     return of
 
 
-@hinting
 def momenta(model: Model) -> Speeds:
     """Return u = M(q) q', the momenta conjugate to the coordinates, N m s or N s."""
     instance(model, Model, 'model')

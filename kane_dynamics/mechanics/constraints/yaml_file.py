@@ -34,7 +34,6 @@ from collections.abc import Callable, Mapping
 import os
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
@@ -56,7 +55,6 @@ OPTIONAL = ('actuated', 'configuration')
 NUMBERS = ('offset', 'radius', 'height', 'value', 'length', 'surface_radius')
 
 
-@hinting
 def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
                      prefix: str = '') -> dict[str, Any]:
     """

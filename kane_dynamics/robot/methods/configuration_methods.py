@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.checks import constant, finite_row, finite_times, integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import SHORT
@@ -218,7 +217,6 @@ class Configurations(Dispatch):
                              'constraints depend')
         return self._special('joint_torques', (tau, q), t, out)
 
-    @hinting_method
     def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
                           t: ArrayLike = 0.0) -> Array:
         """
@@ -239,7 +237,6 @@ class Configurations(Dispatch):
         result: Array = kernel(*self._at_time((q, joint_torques), t))
         return result
 
-    @hinting_method
     def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                           wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
@@ -281,7 +278,6 @@ class Configurations(Dispatch):
             return self._same('joint_accelerations', 'udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
-    @hinting_method
     def closed_configuration(self, q: ArrayLike, *, t: float = 0.0,
                              fixed: Sequence[str] = (),
                              start: ArrayLike | None = None) -> Array:
@@ -382,7 +378,6 @@ class Configurations(Dispatch):
             upper = _of_coordinates(model, upper, np.inf)
         return JointLimits(lower, upper, velocity, effort)
 
-    @hinting_method
     def neutral(self) -> Array:
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
@@ -413,7 +408,6 @@ class Configurations(Dispatch):
         assert failure is not None
         raise failure
 
-    @hinting_method
     def feasible_configuration(self) -> Array:
         """
         Return a configuration within the limits, (n_q,), to start from.
@@ -446,7 +440,6 @@ class Configurations(Dispatch):
         inside = bool((q >= lower).all() and (q <= upper).all())
         return q if inside else self.random_configuration(0)
 
-    @hinting_method
     def random_configuration(self, seed: int | np.random.Generator | None = None,
                              count: int | None = None) -> Array:
         """
@@ -489,7 +482,6 @@ class Configurations(Dispatch):
             row[:] = self._closed(rng, lower, upper)
         return configurations
 
-    @hinting_method
     def integrate(self, q: ArrayLike, u: ArrayLike, dt: float = 1.0, *,
                   t: ArrayLike = 0.0) -> Array:
         """
@@ -533,7 +525,6 @@ class Configurations(Dispatch):
                              'motion to a configuration of finite numbers')
         return self._closed_all(end, times + dt)
 
-    @hinting_method
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, t: ArrayLike = 0.0) -> Array:
         """
         Return the speeds, (n,), that take q0 to q1 in 1 s: `integrate` undone.

@@ -8,7 +8,6 @@ from functools import partial, wraps
 from inspect import Parameter, signature
 from typing import Any, Self, TypeVar
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.equations import Equations
@@ -46,7 +45,7 @@ class _Compiled:
 
 def compiled(method: Method) -> Method:
     """Decorate a method to call the kernel of its name, or else its body."""
-    return _Compiled(hinting_method(method))  # type: ignore[return-value]
+    return _Compiled(method)  # type: ignore[return-value]
 
 
 def of_frame(quantity: str) -> Callable[[Method], Method]:
@@ -57,7 +56,6 @@ def of_frame(quantity: str) -> Callable[[Method], Method]:
     and for other arguments than its positional ones and `out`.
     """
     def decorate(method: Method) -> Method:
-        checked = hinting_method(method)
         count = _positional(method)
 
         @wraps(method)
@@ -69,7 +67,7 @@ def of_frame(quantity: str) -> Callable[[Method], Method]:
                 entry = self._entries.get((quantity, values[0]))
                 if entry is not None:
                     return entry(*values[1:], **named)
-            return checked(self, *values, **named)
+            return method(self, *values, **named)
         return call  # type: ignore[return-value]
     return decorate
 
@@ -80,7 +78,6 @@ def of_constraints(method: Method) -> Method:
 
     Its body serves the first call, as in `of_frame`, and robots in joint rates.
     """
-    checked = hinting_method(method)
     count = _positional(method)
     key = method.__name__, ''
 
@@ -91,7 +88,7 @@ def of_constraints(method: Method) -> Method:
             entry = self._entries.get(key)
             if entry is not None:
                 return entry(*values)
-        return checked(self, *values, **named)
+        return method(self, *values, **named)
     return call  # type: ignore[return-value]
 
 
@@ -238,7 +235,6 @@ class Dispatch:
         """Names of the frames (links), for `jacobian`, `frame_pose` and others."""
         return tuple(frame.name for frame in self.equations.model.frames)
 
-    @hinting_method
     def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
         """
         Compile kernels now instead of at their first use.
@@ -272,7 +268,6 @@ class Dispatch:
                 kernel.compile_lanes()
             getattr(self, name)
 
-    @hinting_method
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the operation counts of every kernel, per call."""
         kernels = self.kernels

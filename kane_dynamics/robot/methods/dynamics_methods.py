@@ -7,7 +7,6 @@ from contextlib import suppress
 import math
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import holding_interval
@@ -149,7 +148,6 @@ class DynamicsMethods(Dispatch):
                              'depends')
         return self._call('friction_force', (u, q), out, t)
 
-    @hinting_method
     def holding_torques(self, q: ArrayLike, *,
                         wrench: ArrayLike | None = None) -> tuple[Array, Array]:
         """
@@ -232,7 +230,6 @@ class DynamicsMethods(Dispatch):
         """Return `joint_reaction` of every body's joint, (n_bodies, 6)."""
         return self._loaded('joint_reactions', (q, u, udot), wrench, out, t)
 
-    @hinting_method
     def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                 wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> TorqueBreakdown:
         """Return the torque breakdown by source and by body; see `inverse_dynamics`."""
@@ -350,7 +347,6 @@ class DynamicsMethods(Dispatch):
         self._entry('joint_reaction', joint, self.kernels.reaction)
         return self._loaded('joint_reaction', (q, u, udot), wrench, out, t, joint)
 
-    @hinting_method
     def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                                      *,
                                      wrench: ArrayLike | None = None,
@@ -368,7 +364,6 @@ class DynamicsMethods(Dispatch):
                                           t=t)
         return by_q, by_u, M
 
-    @hinting_method
     def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                                      wrench: ArrayLike | None = None,
                                      t: ArrayLike = 0.0) -> Matrices:
@@ -387,7 +382,6 @@ class DynamicsMethods(Dispatch):
         inverse = self.inverse_mass_matrix(q, t=t)
         return -(inverse @ by_q), -(inverse @ by_u), inverse
 
-    @hinting_method
     def vjp(self, name: str, cotangent: ArrayLike, *arguments: ArrayLike,
             by: str | Sequence[str] | None = None, wrench: ArrayLike | None = None,
             t: ArrayLike = 0.0) -> Any:
@@ -433,7 +427,6 @@ class DynamicsMethods(Dispatch):
                              wrench, t)
         return self._split(name, flat, names, single)
 
-    @hinting_method
     def jvp(self, name: str, tangents: Mapping[str, ArrayLike], *arguments: ArrayLike,
             wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
@@ -472,7 +465,6 @@ class DynamicsMethods(Dispatch):
                                       tuple(tangents.values()), arguments, wrench, t)
         return result
 
-    @hinting_method
     def derivative(self, name: str, *arguments: ArrayLike,
                    by: str | Sequence[str] | None = None,
                    wrench: ArrayLike | None = None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.methods.dispatch import of_frame
@@ -87,7 +86,6 @@ class FrameMethods(DynamicsMethods):
         """Return the time derivative of `jacobian` along the motion, (6, n)."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
 
-    @hinting_method
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
                                   directions: Sequence[str] = DIRECTIONS,
                                   t: ArrayLike = 0.0) -> Array:
@@ -119,7 +117,6 @@ class FrameMethods(DynamicsMethods):
         return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]),
                           np.float64)
 
-    @hinting_method
     def operational_space_bias(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                                directions: Sequence[str] = DIRECTIONS,
                                t: ArrayLike = 0.0) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.methods.dynamics_methods import place_of
@@ -15,7 +14,6 @@ from kane_dynamics.robot.methods.frame_methods import FrameMethods
 class FrameworkMethods(FrameMethods):
     """The methods of `Robot` for CasADi, PyTorch and JAX, which are optional."""
 
-    @hinting_method
     def casadi(self, name: str, *, parameters: Sequence[str] = (),
                compiled: bool | None = None) -> Any:
         """
@@ -69,7 +67,6 @@ class FrameworkMethods(FrameMethods):
         quantity, at = place_of(name)
         return casadi_function.casadi_function(self, quantity, at, parameters, compiled)
 
-    @hinting_method
     def torch(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
         """
         Return a quantity as a function of PyTorch tensors, differentiable to any order.
@@ -112,7 +109,6 @@ class FrameworkMethods(FrameMethods):
                        'robot.torch')
         return module.TorchFunction(self, quantity, at, parameters)
 
-    @hinting_method
     def jax(self, name: str, *, parameters: Sequence[str] = (),
             compiled: bool | None = None, operations: bool = False) -> Any:
         """

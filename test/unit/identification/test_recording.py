@@ -187,3 +187,13 @@ def test_arms_with_beams_are_refused_where_torques_must_be_linear_in_parameters(
     for call in calls:
         with pytest.raises(InputError, match='model: with beams; expected rigid links'):
             call()
+
+
+@pytest.mark.parametrize(('separator', 'words'), [(';', 'semicolons'), ('\t', 'tabs')])
+def test_tables_without_commas_are_named(tmp_path, separator, words):
+    path = tmp_path / 'run.csv'
+    path.write_text('\n'.join(separator.join(line) for line in (
+        ('t', 'q.joint1', 'q.joint2'), ('0,0', '0,1', '0,2'), ('0,1', '0,2', '0,3'))))
+    with pytest.raises(InputError,
+                       match=rf'columns separated by {words}; expected commas'):
+        read_recording(path, NAMES)

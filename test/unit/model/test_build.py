@@ -304,3 +304,8 @@ def test_arrays_of_frames_are_those_of_the_model_alone():
 def test_limits_that_no_joint_can_have_are_refused(stated, words):
     with pytest.raises(ModelError, match=words):
         Limits(**stated)
+
+
+def test_a_rod_between_equal_points_is_no_rod():
+    with pytest.raises(ModelError, match=r'rod: both ends at .*; expected two points'):
+        rod(1.0, (0.1, 0, 0), (0.1, 0, 0))

@@ -1,4 +1,4 @@
-"""Promises of names: misspelt ones are refused with a hint; clear reprs."""
+"""Promises of names: assignments without effect are refused; clear reprs."""
 
 import copy
 import inspect
@@ -9,10 +9,8 @@ from xml.etree import ElementTree
 
 import kane_dynamics
 from kane_dynamics import (CollisionDetector, ComputedTorque, Controller, frame_wrench,
-                           Inertial, InputError, inverse_kinematics, load_urdf,
-                           ModelBuilder, ModelWarning, MomentumObserver, Motion, Robot,
-                           simulate)
-from kane_dynamics._util.attribute_hints import COUNTERPARTS, FUNCTIONS, MODEL_FUNCTIONS
+                           Inertial, InputError, ModelBuilder, ModelWarning,
+                           MomentumObserver, Motion, Robot, simulate)
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
@@ -28,12 +26,10 @@ def robot(**options):
 
 
 @pytest.mark.parametrize(('name', 'words'), [
-    ('payload', 'expected robot.parameters.payload'),
-    ('gravity', 'expected robot.parameters.gravity'),
-    ('gravty', 'no such attribute'),
+    ('payload', 'no such attribute'), ('gravity', 'expected gravity_force'),
     ('friction', r'expected Robot\(..., friction=...\)'),
     ('speeds', r'expected Robot\(..., speeds=...\)'), ('model', 'not to be replaced'),
-    ('joint_names', 'not to be replaced'), ('limts', 'expected robot.limits')])
+    ('joint_names', 'not to be replaced'), ('limts', 'expected limits')])
 def test_an_attribute_that_would_have_no_effect_is_refused(name, words):
     arm = robot()
     with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned.*{words}"):
@@ -51,109 +47,6 @@ def test_limits_can_be_replaced_and_parameters_refuse_misspelt_names():
         arm.parameters.gravty = (0.0, 0.0, 0.0)
     arm.parameters.gravity = (0.0, 0.0, 0.0)
     assert not arm.gravity_force(Q).any()
-
-
-@pytest.mark.parametrize(('name', 'ours'), [
-    ('rnea', r'inverse_dynamics\(q, u, udot\)'), ('nv', 'n'), ('nq', 'n_q'),
-    ('crba', 'mass_matr'),
-    ('computeFrameJacobian', r'jacobian\(frame, q\)'), ('Jdot', 'jacobian_rate'),
-    ('CalcMassMatrix', 'mass_matrix'), ('com', 'center_of_mass'),
-    ('payload', 'parameters.payl'),
-    ('jacobain', 'jacobian'), ('inverse_dynamic', 'inverse_dynamics')])
-def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
-    with pytest.raises(AttributeError,
-                       match=f"has no attribute '{name}'; expected robot.{ours}"):
-        getattr(robot(), name)
-
-
-@pytest.mark.parametrize(('name', 'words'), [
-    ('inverse_kinematics', r'kane_dynamics.inverse_kinematics\(robot, frame, target\)'),
-    ('ik', r'kane_dynamics.inverse_kinematics\('),
-    ('simulate', r'kane_dynamics.simulate\('),
-    ('njoints', 'robot.n$'), ('jacobian_matrix', r'robot.jacobian\('),
-    ('gravload', r'robot.gravity_force\(q\)'), ('rne', r'robot.inverse_dynamics\('),
-    ('teach', r'kane_dynamics.view.Window\(robot\)'),
-    ('plot', 'functions of kane_dynamics.plot'),
-    ('fkine', r'robot.frame_pose\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
-    ('from_urdf', r'kane_dynamics.load_urdf\(path\), and Robot\(model\)')])
-def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, words):
-    with pytest.raises(AttributeError,
-                       match=f"has no attribute '{name}'; expected .*{words}"):
-        getattr(robot(), name)
-
-
-@pytest.mark.parametrize(('name', 'words'), [
-    ('buildModelFromUrdf', r'load_urdf\(path\)'), ('loadURDF', r'load_urdf\(path\)'),
-    ('from_urdf', 'load_urdf'), ('ik', 'inverse_kinematics'),
-    ('rnea', 'robot.inverse_dynamics'),
-    ('simulat', 'expected simulate'), ('jacobian', r'robot.jacobian\(frame, q\)'),
-    ('forward_kinematics', r'robot.frame_pose\(frame, q\)'),
-    ('time_optimal', r'kane_dynamics.feasibility.time_optimal\('),
-    ('load_xacro', r'load_urdf\(path\), which expands xacro')])
-def test_names_of_other_libraries_in_the_package_are_answered(name, words):
-    with pytest.raises(AttributeError,
-                       match=f"module 'kane_dynamics' has no.*'{name}'.*{words}"):
-        getattr(kane_dynamics, name)
-
-
-@pytest.mark.parametrize(('name', 'words'), [
-    ('with_payload', r'robot.with_payload\(frame, payload\)'),
-    ('add_tool', r'kane_dynamics.with_tool\(model, on, name, inertial\)'),
-    ('append', r'kane_dynamics.with_model\(model, other, on\)'),
-    ('lock', r'kane_dynamics.with_locked\(model, positions\)'),
-    ('rename', r'kane_dynamics.with_names\(model, names\)'),
-    ('mass', r'sum\(body.inertial.mass'), ('nq', 'n$'), ('bodys', 'bodies$')])
-def test_a_method_that_a_model_lacks_is_answered_with_the_function(name, words):
-    with pytest.raises(AttributeError,
-                       match=f"'Model' .* no attribute '{name}'; .*{words}"):
-        getattr(MODEL, name)
-
-
-@pytest.mark.parametrize('names', [FUNCTIONS, MODEL_FUNCTIONS])
-def test_functions_that_hints_name_exist(names):
-    for ours in names:
-        call = re.match(r'(kane_dynamics|robot)\.([\w.]+)\(', ours)
-        value = robot() if call and call[1] == 'robot' else kane_dynamics
-        for part in call[2].split('.') if call else ():
-            value = getattr(value, part)
-        assert callable(value) or not call
-
-
-@pytest.mark.parametrize(('call', 'words'), [
-    (lambda: simulate(robot(), Q, Q, 1.0, dt=0.01),
-     r"simulate\(\) .*'dt'; expected step="),
-    (lambda: Robot(MODEL, payload_link='x'),
-     r"Robot\(\) .*'payload_link'; expected payload_fr"),
-    (lambda: load_urdf('x', end_effector='y'),
-     r"load_urdf\(\) .*'end_effector'; expected tip="),
-    (lambda: load_urdf('x', floating_base=True), 'expected root_joint='),
-    (lambda: inverse_kinematics(robot(), 'x', Q, tol=1.0), 'expected tolerance='),
-    (lambda: Robot(MODEL, frictoin=False), 'expected friction='),
-    (lambda: simulate(robot(), Q, Q, 1.0, xyzzy=1), 'expected some of robot, q0, u0')])
-def test_keywords_of_other_libraries_are_answered_with_ours(call, words):
-    with pytest.raises(TypeError, match=words):
-        call()
-
-
-def test_errors_of_python_name_the_class_that_users_know():
-    with pytest.raises(TypeError, match=r'Robot\.jacobian\(\) takes 3 positional'):
-        robot().jacobian('frame3', Q, Q)
-    with pytest.raises(AttributeError,
-                       match=r"'Robot' has no attribute 'from_urdf'; expected"):
-        _ = Robot.from_urdf
-
-
-def test_every_counterpart_exists_and_a_strange_name_gets_no_wrong_hint():
-    arm = robot()
-    for ours in COUNTERPARTS:
-        value = arm
-        for part in ours.partition('(')[0].split('.'):
-            value = getattr(value, part)
-    names = [name for names in COUNTERPARTS.values() for name in names.split()]
-    assert len(set(names)) == len(names)
-    with pytest.raises(AttributeError, match=r"has no attribute 'xyzzy'\Z"):
-        getattr(arm, 'xyzzy' + '')
-    assert not hasattr(arm, '__array__')
 
 
 @pytest.mark.parametrize('call', [
@@ -268,32 +161,17 @@ def owners():
 OWNERS = owners()
 
 
-@pytest.mark.parametrize(('owner', 'name', 'ours'), [
-    ('robot', 'paramters', 'robot.parameters'),
-    ('robot', 'gravty', 'robot.parameters.gravity'),
-    ('parameters', 'gravty', 'gravity'), ('parameters', 'paylod', 'payload'),
-    ('trajectory', 'tourque', 'tau'), ('trajectory', 'velocities', 'u'),
-    ('motion', 'time', 'times'), ('motion', 'joint_name', 'joint_names'),
-    ('controller', 'compensat', 'compensate'), ('observer', 'tourque', 'torque'),
-    ('detector', 'colision', 'collision'), ('joint', 'dampng', 'damping'),
-    ('inertial', 'mas', 'mass'), ('body', 'inertia', 'inertial'),
-    ('model', 'frams', 'frames'),
-    ('limits', 'velocty', 'velocity'), ('builder', 'gravty', 'gravity')])
-def test_misspelt_attribute_is_refused_with_the_right_one(owner, name, ours):
-    with pytest.raises(AttributeError,
-                       match=f"has no attribute '{name}'; expected {ours}$"):
-        getattr(OWNERS[owner], name)
-    with pytest.raises(AttributeError,
-                       match=f"'{name}' cannot be assigned.*; expected {ours}$"):
-        setattr(OWNERS[owner], name, 1.0)
+@pytest.mark.parametrize('owner', OWNERS)
+def test_assignment_of_a_misspelt_attribute_is_refused(owner):
+    with pytest.raises(AttributeError, match='gravty'):
+        OWNERS[owner].gravty = 1.0
 
 
 @pytest.mark.parametrize(('owner', 'name', 'words'), [
     ('controller', 'kp', r'expected update\(kp=...\)'),
     ('controller', 'mode', r'expected update\(mode=...\)'),
     ('observer', 'gain', r'expected tune\(gain=...\)'),
-    ('motion', 'positions', 'replaced'),
-    ('inertial', 'mass', r'expected dataclasses.replace\(..., mass=...\)')])
+    ('motion', 'positions', 'replaced')])
 def test_assignment_without_effect_is_refused_with_the_way_to_change_it(
         owner, name, words):
     for instance in (OWNERS[owner], copy.copy(OWNERS[owner])):

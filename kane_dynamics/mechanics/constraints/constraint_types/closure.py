@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
@@ -39,7 +38,6 @@ Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'sph
                'planar', 'inline', 'distance']
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Closure:
     """

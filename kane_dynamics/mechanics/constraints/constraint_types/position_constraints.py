@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
@@ -17,7 +16,6 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
 import numpy as np
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
@@ -82,7 +80,6 @@ class Coupling:
         return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Prescribed:
     """

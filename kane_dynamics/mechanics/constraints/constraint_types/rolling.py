@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
@@ -47,7 +46,6 @@ class RollingContact(NamedTuple):
     v: Matrix
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Rolling:
     """

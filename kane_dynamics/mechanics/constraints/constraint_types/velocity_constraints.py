@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
@@ -15,7 +14,6 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
 import numpy as np
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class PointVelocity:
     """
@@ -89,14 +87,12 @@ class PointVelocity:
         return {'value(t)': evaluated_scalar(self.value, what, geometry.t)}
 
 
-@hinting
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
     """Return zero velocity of a frame's origin along a direction fixed in the frame."""
     name = name or f'knife edge {frame}'
     return PointVelocity(frame, direction, axes=frame, name=name)
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class DependentSpeeds:
     """
