@@ -134,20 +134,6 @@ def test_arguments_and_unknown_names_are_refused(robot):
     assert {'q', 'wrench', 'inverse_dynamics', 'at_frame'} <= set(dir(workspace))
 
 
-@pytest.mark.parametrize(('call', 'words'), [
-    (lambda w: w.at_frame('frame_pose'),
-     r"at_frame\(\) missing .*'frame'; expected .*at_frame\("),
-    (lambda w: w.at_frame('frame_pose', 'frame4', 1),
-     r'at_frame\(\) takes .*; expected '),
-    (lambda w: w.at_frame('frame_pose', frames='frame4'),
-     r"at_frame.* 'frames'; expected frame="),
-    (lambda w: w.reaction(),
-     r"reaction\(\) missing .*'joint'; expected .*reaction\(joint\)")])
-def test_arguments_that_a_method_does_not_take_are_answered_with_those_it_takes(
-        robot, call, words):
-    with pytest.raises(TypeError, match=rf'^Workspace\.{words}'):
-        call(robot.bind())
-
 
 @pytest.mark.parametrize('name', [3, None, ['frame4']])
 def test_a_name_that_is_no_text_is_refused(robot, name):
