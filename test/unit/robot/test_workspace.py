@@ -134,7 +134,6 @@ def test_arguments_and_unknown_names_are_refused(robot):
     assert {'q', 'wrench', 'inverse_dynamics', 'at_frame'} <= set(dir(workspace))
 
 
-
 @pytest.mark.parametrize('name', [3, None, ['frame4']])
 def test_a_name_that_is_no_text_is_refused(robot, name):
     workspace = robot.bind()
