@@ -111,7 +111,7 @@ class EnergyBalance(Observer):
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
-        exact = friction is not None
+        exact = friction is not None and friction.sticking
         self._friction = friction
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
         if robot.equations.tree.bristles:

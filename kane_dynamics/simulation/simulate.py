@@ -12,7 +12,7 @@ in SIMD lanes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 import math
@@ -35,6 +35,7 @@ from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.callable_steps import CallableSteps
+from kane_dynamics.simulation.contact import checked_contacts, Contact, require_open
 from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
@@ -45,6 +46,7 @@ from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
+from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.stepping import Progress, run, Steps
 from kane_dynamics.simulation.sticking.friction_samples import (exact_friction,
                                                                 ExactFriction)
@@ -52,7 +54,7 @@ from kane_dynamics.simulation.sticking.friction_state import friction_state
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
-from kane_dynamics.simulation.trajectory import StopEvent, Trajectory
+from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent, Trajectory
 import numpy as np
 
 CLOSED = 1e-8  # rad or lengths: largest constraint residual of an initial configuration
@@ -69,7 +71,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,
              t0: float = 0.0, stops: bool = False, sticking: bool = False,
-             bristles0: Any = None) -> Trajectory:
+             bristles0: Any = None, contacts: Sequence[Contact] = (),
+             _stepper: str = 'old') -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
@@ -189,8 +192,15 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # Without friction and stops there are no joints that stick.
-    friction: ExactFriction | None = None
-    if sticking and friction_state(robot, stops).joints:
+    friction: Any = None
+    rows: RowSteps | None = None
+    touching = checked_contacts(robot, contacts)
+    contact_names = tuple(pair.name for pair in touching.pairs)
+    if contact_names or (_stepper == 'rows' and (stops or sticking)):
+        require_open(robot, touching, states[:, :robot.n_q])
+        rows = RowSteps(robot, step, start, stops, sticking, touching)
+        rows = friction = rows if rows.any_rows else None
+    elif sticking and friction_state(robot, stops).joints:
         friction = exact_friction(robot, stops)
 
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
@@ -204,7 +214,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
     # Compute the states.
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
-                   stops, friction is not None, progress is not None)
+                   stops, friction is not None, progress is not None, rows)
     samples = run(steps, states, count, every, observers, progress)
 
     texts = [] if step_text is None else [step_text]
@@ -222,8 +232,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         arrays = {name: x[0] for name, x in arrays.items()}
     speed_changes = sorted(steps.changes, key=attrgetter('t'))
     stop_events: tuple[StopEvent, ...] = ()
+    contact_events: tuple[ContactEvent, ...] = ()
     if steps.stops is not None:
         stop_events = steps.stops.events(single)
+    if rows is not None:
+        contact_events = rows.events(single, ContactEvent)
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names,
@@ -231,12 +244,13 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       bristle_names=robot.equations.tree.bristle_names,
                       constraint_names=robot.equations.mechanism.labels,
                       warnings=tuple(texts),
-                      speed_changes=tuple(speed_changes), stop_events=stop_events)
+                      speed_changes=tuple(speed_changes), stop_events=stop_events, contact_names=contact_names,
+                      contact_events=contact_events)
 
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
            every: int, torque: Any, integrator: str, start: float, stops: bool,
-           sticks: bool, in_time: bool) -> Steps:
+           sticks: bool, in_time: bool, rows: RowSteps | None) -> Steps:
     """
     Return the steps of simulations from states, (N, size); arguments as of `simulate`.
 
@@ -248,13 +262,15 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
                          'expected None, an array or a ComputedTorque')
     # The torques, known before the steps or computed by a law within them.
     source = torque_input(robot, step, count, torque, None if single else len(states),
-                          integrator, start, smooth=not sticks)
+                          integrator, start, smooth=rows is None and not sticks)
 
     # What happens at limits and with friction at rest: sticking knows stops too.
-    joint_stops: JointStops | Sticking | None = None
+    joint_stops: JointStops | Sticking | RowSteps | None = rows
     if stops:
         require_stops(robot, states[:, :robot.n_q])
-    if sticks:
+    if rows is not None:
+        pass
+    elif sticks:
         joint_stops = Sticking(robot, step, start, stops)
     elif stops:
         joint_stops = JointStops(robot, step, start)

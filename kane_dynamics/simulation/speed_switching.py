@@ -89,7 +89,7 @@ class SwitchingSteps(Steps):
 
     """
 
-    def __init__(self, source: TorqueInput, stops: JointStops | Sticking | None,
+    def __init__(self, source: TorqueInput, stops: Any,
                  count: int) -> None:
         """Start all simulations in the robot's own speeds."""
         super().__init__(source, stops)

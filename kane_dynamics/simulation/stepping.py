@@ -13,10 +13,11 @@ every step.
 
 from collections.abc import Callable, Sequence
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
+from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -58,7 +59,7 @@ class Steps:
     """
 
     def __init__(self, source: TorqueInput,
-                 stops: JointStops | Sticking | None = None) -> None:
+                 stops: JointStops | Sticking | RowSteps | None = None) -> None:
         """Store the native step and the stops."""
         self.source = source
         self.stops = stops
@@ -68,8 +69,10 @@ class Steps:
         # Computes the states of a native step, with the stops.
         self._advance = TorqueInput.advance if stops is None else stops.advance
         # Set-valued friction has the stops with it, if there are any.
-        self._sticks = isinstance(stops, Sticking)
+        self._sticks: Any = isinstance(stops, Sticking)
         self._with_stops = stops is not None
+        if isinstance(stops, RowSteps):
+            self._sticks = stops
         if isinstance(stops, Sticking):
             self._with_stops = stops.stops
         self.changes: list[SpeedChange] = []

@@ -28,12 +28,14 @@ Path = str | os.PathLike[str]
 OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual',
                   'constraint_velocity_residual')
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS, 'sticking',
-          'bristles')
+          'bristles', 'contact_forces', 'contact_modes')
+NOT_IN_CSV = 'sticking', 'bristles', 'contact_forces', 'contact_modes'
 # Arrays that older files lack.
-LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking', 'bristles')
+LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking', 'bristles',
+         'contact_forces', 'contact_modes')
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
 NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names',
-         'bristle_names')
+         'bristle_names', 'contact_names')
 
 
 class LimitEvent(NamedTuple):
@@ -76,6 +78,32 @@ class StopEvent(NamedTuple):
                 f'stop: speed {self.speed:.4g}, {self.loss:.3g} J lost')
 
 
+class ContactEvent(NamedTuple):
+    """
+    The impact of a contact.
+
+    `speed` is that at which the bodies approached, m/s; `impulse` that along the normal,
+    N s; `loss` the energy lost in all impacts at that time, J. `rests` says that the
+    contact has restitution, but its next bounce would be too short to follow.
+    """
+
+    t: float
+    contact: str
+    speed: float
+    impulse: float
+    loss: float
+    rests: bool = False
+    state: int | None = None  # which of many simulations
+
+    def __str__(self) -> str:
+        """Return the event as text."""
+        which = '' if self.state is None else f'simulation {self.state}: '
+        end = '; its bounces end' if self.rests else ''
+        return (f"{which}at {self.t:.4g} s contact '{self.contact}' hits: speed "
+                f'{self.speed:.4g} m/s, impulse {self.impulse:.4g} N s, {self.loss:.3g} J '
+                f'lost{end}')
+
+
 class SpeedChange(NamedTuple):
     """
     A change of the independent speeds of a simulation before a singularity.
@@ -97,7 +125,7 @@ class SpeedChange(NamedTuple):
 
 
 EVENTS: dict[str, Any] = {'limit_events': LimitEvent, 'speed_changes': SpeedChange,
-                          'stop_events': StopEvent}
+                          'stop_events': StopEvent, 'contact_events': ContactEvent}
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +172,14 @@ class Trajectory:
         in CSV files.
     bristle_names : tuple of str
         The joints of `bristles`.
+    contact_forces : (K, c, 3) or (N, K, c, 3) array
+        Forces of the contacts of `contact_names` on the links of their frames, N, in
+        world axes; not in CSV files.
+    contact_modes : (K, c) or (N, K, c) array of int
+        How they move from each sample on, as `RowMode`; not in CSV files.
+    contact_names : tuple of str
+    contact_events : sequence of ContactEvent
+        Impacts of contacts, in order of time.
     coordinate_names : tuple of str
         Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
@@ -170,6 +206,10 @@ class Trajectory:
     sticking: Any = field(default_factory=partial(np.zeros, 0, dtype=bool))
     bristles: Array = field(default_factory=partial(np.zeros, 0))
     bristle_names: tuple[str, ...] = ()
+    contact_forces: Array = field(default_factory=partial(np.zeros, 0))
+    contact_modes: Any = field(default_factory=partial(np.zeros, 0, dtype=int))
+    contact_names: tuple[str, ...] = ()
+    contact_events: Sequence[ContactEvent] = ()
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
@@ -189,6 +229,10 @@ class Trajectory:
             defaults['sticking'] = np.zeros((*shape, len(self.joint_names)), dtype=bool)
         if not self.bristles.size:
             defaults['bristles'] = np.zeros((*shape, len(self.bristle_names)))
+        c = len(self.contact_names)
+        if not self.contact_forces.size:
+            defaults['contact_forces'] = np.zeros((*shape, c, 3))
+            defaults['contact_modes'] = np.zeros((*shape, c), dtype=int)
         self.__dict__.update(defaults)  # of a frozen record
 
     def __repr__(self) -> str:
@@ -279,7 +323,8 @@ class Trajectory:
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
         return replace(self, **rows, limit_events=of_state(self.limit_events),
                        speed_changes=of_state(self.speed_changes),
-                       stop_events=of_state(self.stop_events))
+                       stop_events=of_state(self.stop_events),
+                       contact_events=of_state(self.contact_events))
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
@@ -317,7 +362,7 @@ class Trajectory:
             for name in LATER:
                 if name in file:
                     content[name] = file[name]
-            for name in ('coordinate_names', 'bristle_names', 'warnings'):
+            for name in ('coordinate_names', 'bristle_names', 'contact_names', 'warnings'):
                 content[name] = tuple(map(str, file.get(name, ())))
             for name in EVENTS:
                 content[name] = _events(name, file.get(name, ()))
@@ -337,7 +382,7 @@ class Trajectory:
             writer = csv.writer(file)
             writer.writerow(self._columns())
             columns = [getattr(self, name) for name in ARRAYS
-                       if name not in ('sticking', 'bristles')]
+                       if name not in NOT_IN_CSV]
             for row in np.column_stack(columns).tolist():
                 writer.writerow(map(repr, row))  # all digits
 
@@ -401,8 +446,10 @@ def _events(name: str, table: Any) -> tuple[Any, ...]:
         fields: list[Any] = []
         # Each field has the type of the event's record.
         for field_name, cell in zip(kind._fields, cells):
-            if field_name in ('joint', 'limit'):
+            if field_name in ('joint', 'limit', 'contact'):
                 fields.append(str(cell))
+            elif field_name == 'rests':
+                fields.append(cell == 'True')
             elif field_name in ('before', 'after'):
                 fields.append(tuple(str(cell).split('\n')))
             else:
@@ -422,7 +469,7 @@ def constraint_residuals(robot: Robot, q: Array, u: Array,
 
 
 def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, stops: bool,
-                       sticking: bool) -> dict[str, Array]:
+                       sticking: Any) -> dict[str, Array]:
     """
     Return u, udot, energy, forces of stops and sticking joints at K states of a simulation.
 
@@ -436,8 +483,10 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
         Entries as `step_kernels.state_names`.
     tau, times : (K, n), (K,) arrays
         Torques dual to the speeds, and times, s.
-    stops, sticking : bool
-        Whether there are stops at the position limits, and set-valued friction.
+    stops : bool
+        Whether there are stops at the position limits.
+    sticking : bool or stepper.RowSteps
+        Whether friction is set-valued; or the rows with modes, which say that too.
 
     """
     n_q, n = robot.n_q, robot.n
@@ -445,9 +494,14 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
     u = np.ascontiguousarray(states[:, n_q:n_q + n])
     # Kinetic and potential energy, by the kernel of the simulation's energy balance.
     terms = np.empty((len(states), TERMS))
-    energy_kernel(robot, sticking).run([np.ascontiguousarray(states)], terms, len(terms))
+    rows: Any = None if isinstance(sticking, bool) else sticking
+    exact = sticking if isinstance(sticking, bool) else sticking.sticking
+    energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
     quantities = {'u': u, 'energy': terms[:, :2]}
-    # Set-valued friction and that of bristles decide the accelerations with the stops.
+    # Rows with modes, set-valued friction and bristles decide the accelerations with the
+    # stops.
+    if rows is not None:
+        return quantities | rows.rows(robot).at_samples(states, tau, times)._asdict()
     if sticking:
         friction = exact_friction(robot, stops)
         return quantities | friction.at_samples(states, tau, times)._asdict()

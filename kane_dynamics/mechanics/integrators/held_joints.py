@@ -8,6 +8,7 @@ With q' = T u + X, and the rows s of the joints that are held:
 Which of the candidates are held are conditions, so one program serves every set of them.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -63,6 +64,9 @@ class Solution(NamedTuple):
     generalized: Vector
 
 
+Solver = Callable[[LinearSystem, Matrix, Vector], Solution]
+
+
 def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
                   wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
                   directions: Vector | None = None,
@@ -102,8 +106,10 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
 
 
 def held_solution(system: LinearSystem, M: Matrix, force: Vector,
-                  held: Held) -> Solution:
+                  held: 'Held | Solver') -> Solution:
     """Return the solution of M w = force + T_s^T f with a f that holds joints."""
+    if not isinstance(held, Held):  # rows of more kinds, as `rows.row_solution`
+        return held(system, M, force)
     # With nothing held, w = M^-1 force, and no force f.
     if not held.joints:
         nothing = np.zeros(0)

@@ -30,6 +30,8 @@ class ExactFriction:
 
     """
 
+    sticking = True
+
     def __init__(self, contact: FrictionState) -> None:
         """Store the joints."""
         self._contact = contact

@@ -142,7 +142,9 @@ class FrictionSamples(NamedTuple):
 class StateFriction(Protocol):
     """The friction of a robot at states of a simulation, whichever law it has."""
 
-    def at_samples(self, states: Array, tau: Array, times: Array) -> FrictionSamples:
+    sticking: bool  # whether friction of joints is set-valued
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> Any:
         """Return accelerations, forces of stops and friction at K states, (K, size)."""
 
 

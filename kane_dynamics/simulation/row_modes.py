@@ -1,0 +1,389 @@
+"""
+The modes of rows at a state: impacts, then which rows hold and which slide.
+
+Rows that touch and approach get impulses; then the forces of the rows at rest and their
+accelerations solve one complementarity problem (`mechanics.complementarity`).
+"""
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.complementarity import Disc, held, with_discs
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
+from kane_dynamics.mechanics.contacts import ContactPair
+from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.row_kernel import (HELD, RowMode, Modes, Response,
+                                                 response_kernel, responses, RowSet)
+import numpy as np
+
+TOUCHING = 1e-9  # rad or m: distance of rows that touch
+AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
+SLOW = 1e-9  # m/s: speed of a contact at rest
+STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
+SHORT_FLIGHT = 1e-3  # of a step: a flight that is shorter is none
+
+
+class Impact(NamedTuple):
+    """
+    The impulses of one instant.
+
+    `joints` and `contacts` have the rows that hit, by number, with their speed; `impulses`,
+    (c, 3), are those of contacts along normal and tangents; `loss` is of kinetic energy, J;
+    `rests` are contacts whose bounces have become too short to follow.
+    """
+
+    joints: dict[int, float]
+    contacts: dict[int, float]
+    impulses: Array
+    loss: float
+    rests: frozenset[int]
+
+
+class SampledRows(NamedTuple):
+    """
+    Accelerations, forces and modes at K states.
+
+    Attributes
+    ----------
+    udot : (K, n) array
+    stop_forces, friction : (K, n_j) arrays
+        Forces of stops on joints; torques that overcome the friction of joints and the
+        forces of contacts, N m or N.
+    sticking : (K, n_j) array of bool
+        Which joints friction holds.
+    contact_forces : (K, c, 3) array
+        On the first link, N, in world axes.
+    contact_modes : (K, c) array of int
+        `RowMode` of each contact.
+
+    """
+
+    udot: Array
+    stop_forces: Array
+    sticking: Any
+    friction: Array
+    contact_forces: Array
+    contact_modes: Any
+
+
+def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair, ...],
+            friction: Any, restitution: Any,
+            dual_to: tuple[str, ...] | None = None) -> RowSet:
+    """Return the rows of a robot: its joints with friction or stops, and contacts."""
+    model = robot.model
+    rubbing = set()
+    dropping = set()
+    if sticking and robot.friction:
+        for body in model.bodies:
+            if has_dry_friction(body.joint):
+                rubbing.add(body.joint.coordinate)
+            if has_breakaway_drop(body.joint):
+                dropping.add(body.joint.coordinate)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    stopped = set()
+    for joint, place in enumerate(model.places):
+        if stops and place is not None and np.isfinite([lower[place], upper[place]]).any():
+            stopped.add(joint)
+    joints = sorted(rubbing | stopped)
+    places = np.array([model.places[joint] or 0 for joint in joints], dtype=int)
+    has_stop = np.isin(joints, sorted(stopped))
+    tree = robot.equations.in_joint_rates
+    slow = np.zeros(len(joints))
+    if not tree:
+        constraints = robot.mechanism.constraints
+        units = coordinate_units(model, constraints)[places]
+        slow = AT_REST * rate_of(model, constraints) * units
+    return RowSet(robot, sticking, dual_to, joints, places,
+                  np.where(has_stop, lower[places], -np.inf),
+                  np.where(has_stop, upper[places], np.inf),
+                  np.isin(joints, sorted(rubbing)), np.isin(joints, sorted(dropping)),
+                  slow, pairs, np.asarray(friction, dtype=float),
+                  np.asarray(restitution, dtype=float))
+
+
+class RowModes:
+    """
+    The choice of modes of the rows of one robot.
+
+    Parameters
+    ----------
+    rows : RowSet
+    step : float
+        s; flights far shorter than it end at rest.
+
+    """
+
+    def __init__(self, rows: RowSet, step: float) -> None:
+        """Compile the response."""
+        self.rows = rows
+        self._step = step
+        self._kernel = response_kernel(rows)
+        k = len(rows.joints)
+        self._contacts = [k + 3 * i for i in range(len(rows.pairs))]
+
+    def response(self, state: Array, tau: Array, directions: Array, t: float) -> Response:
+        """Return the response of rows at a state, (size,)."""
+        return responses(self.rows, self._kernel, state[None], tau[None], directions[None],
+                         np.array([t]))[0]
+
+    def impact(self, state: Array, tau: Array, t: float) -> tuple[Array, Impact | None]:
+        """Return a state, (size,), after the impulses of rows that touch and approach."""
+        rows = self.rows
+        k, c = len(rows.joints), len(rows.pairs)
+        now = self.response(state, tau, np.zeros(k), t)
+        sides = self._sides(state)
+        # The velocity into each row that touches; e times it is the rebound.
+        into = np.concatenate([sides * now.v[:k], -now.v[self._contacts]])
+        touching = np.concatenate([sides != 0.0, now.distances <= TOUCHING])
+        slow = np.concatenate([rows.slow, np.full(c, SLOW)])
+        hits = touching & (into > slow)
+        if not hits.any():
+            return state, None
+        away = np.abs(now.a[self._contacts])
+        flight = 2.0 * rows.restitution * np.maximum(0.0, into[k:])
+        short = flight <= SHORT_FLIGHT * self._step * away
+        restitution = np.where(short, 0.0, rows.restitution)
+
+        # Impulses of stops push inward, those of contacts outward, friction opposes slip.
+        m = len(now.v)
+        lower, upper = np.zeros((2, m))
+        lower[:k] = np.where(touching[:k] & (sides > 0.0), -np.inf, 0.0)
+        upper[:k] = np.where(touching[:k] & (sides < 0.0), np.inf, 0.0)
+        target = now.v.copy()
+        discs = []
+        for i, normal in enumerate(self._contacts):
+            if touching[k + i]:
+                upper[normal] = np.inf
+                discs.append(Disc(normal, normal + 1, normal + 2, rows.friction[i]))
+                target[normal] += restitution[i] * min(0.0, now.v[normal])
+        used = np.flatnonzero((lower < 0.0) | (upper > 0.0)
+                              | np.isin(np.arange(m), [x for disc in discs
+                                                       for x in disc[1:3]]))
+        p = np.zeros(m)
+        p[used] = _solved(now.A, target, lower, upper, discs, used)
+        after = state.copy()
+        n_q, n = rows.robot.n_q, rows.robot.n
+        after[n_q:n_q + n] += now.B @ p
+        v = now.v + now.A @ p
+        if rows.tree:
+            pressed = [joint for joint, x in zip(rows.joints, p[:k]) if x]
+            after[n_q + np.array(pressed, dtype=int)] = 0.0
+        return after, Impact(
+            {j: float(into[j]) for j in np.flatnonzero(hits[:k]).tolist()},
+            {i: float(into[k + i]) for i in np.flatnonzero(hits[k:]).tolist()},
+            p[k:].reshape(c, 3), float(-0.5 * p @ (now.v + v)),
+            frozenset(np.flatnonzero(hits[k:] & short & (rows.restitution > 0.0)).tolist()))
+
+    def _sides(self, state: Array) -> Array:
+        """Return the stops that joints touch, (k,): 1 upper, -1 lower, else 0."""
+        q = state[self.rows.places]
+        near = 0.0 if self.rows.tree else TOUCHING
+        return np.where(q >= self.rows.upper - near, 1.0,
+                        np.where(q <= self.rows.lower + near, -1.0, 0.0))
+
+    def choose(self, state: Array, tau: Array, t: float,
+               breaks: Collection[int] = ()) -> tuple[Modes, Response, Array]:
+        """
+        Return the modes from a state on, the response in them, and the forces of rows.
+
+        Parameters
+        ----------
+        state : (size,) array
+            After the impulses of rows that approach.
+        tau : array
+            Torque, N m or N.
+        t : float
+            s.
+        breaks : collection of int
+            Rows whose forces have reached their bounds: joints, then contacts by k + i.
+
+        """
+        rows = self.rows
+        k, c = len(rows.joints), len(rows.pairs)
+        now = self.response(state, tau, np.zeros(k), t)
+        sides = self._sides(state)
+        # What leaves a stop or a surface for a flight that is too short rests there.
+        short = 0.5 * SHORT_FLIGHT * self._step * np.abs(now.a)
+        slow = np.where(sides != 0.0, np.maximum(2.0 * rows.slow, short[:k]),
+                        2.0 * rows.slow)
+        moving = np.abs(now.v[:k]) > slow
+        joints = np.full(k, RowMode.OFF, dtype=object)
+        for j in range(k):
+            if moving[j] and rows.rubs[j]:
+                joints[j] = RowMode.FORWARD if now.v[j] > 0.0 else RowMode.BACKWARD
+        resting = {j for j in range(k) if not moving[j] and (rows.rubs[j] or sides[j])}
+        contacts = np.full(c, RowMode.OFF, dtype=object)
+        begins = np.zeros((c, 2))
+        touching = [i for i, normal in enumerate(self._contacts)
+                    if now.distances[i] <= TOUCHING and now.v[normal] <= max(SLOW, float(short[normal]))]
+
+        for _ in range(2 * k + 2):
+            modes = Modes(tuple(joints), tuple(contacts), begins, now.distances)
+            now = self.response(state, tau, modes.directions(rows), t)
+            f, begun = self._settled(now, sides, sorted(resting), touching, joints,
+                                     contacts, begins, breaks)
+            if not begun:
+                break
+            resting -= begun
+        return Modes(tuple(joints), tuple(contacts), begins, now.distances), now, f
+
+    def _settled(self, now: Response, sides: Array, resting: list[int],
+                 touching: list[int], joints: Any, contacts: Any, begins: Array,
+                 breaks: Collection[int]) -> tuple[Array, set[int]]:
+        """
+        Solve for the forces of rows at rest, and write their modes.
+
+        Return the forces, (k + 3 c,), and the joints that begin to slide or reach the
+        bound of their friction: their friction counts as that of directions from now on.
+        """
+        rows = self.rows
+        k, m = len(rows.joints), len(now.v)
+        lower, upper = np.zeros((2, m))
+        lower[:k] = np.where(sides > 0.0, -np.inf, now.least)
+        upper[:k] = np.where(sides < 0.0, np.inf, now.largest)
+        A, discs, tangents = now.A.copy(), [], []
+        for i in touching:
+            normal = self._contacts[i]
+            both = [normal + 1, normal + 2]
+            upper[normal] = np.inf
+            slip = now.v[both]
+            speed = float(np.linalg.norm(slip))
+            if speed > SLOW:
+                # The friction of a contact that slides goes with its normal force.
+                A[:, normal] -= rows.friction[i] * A[:, both] @ (slip / speed)
+                contacts[i] = RowMode.SLIDING
+                begins[i] = slip / speed
+            else:
+                discs.append(Disc(normal, *both, rows.friction[i]))
+                tangents += both
+        used = np.array([*resting, *(self._contacts[i] for i in touching), *tangents],
+                        dtype=int)
+        f = np.zeros(m)
+        if len(used):
+            f[used] = _solved(A, now.a, lower, upper, discs, used)
+        a = now.a + A @ f
+        still = STILL * np.abs(now.a).max(initial=1e-300)
+        self._contact_modes(f, a, touching, contacts, begins, still, breaks)
+
+        begun = set()
+        inside = [j for j in resting if lower[j] < f[j] < upper[j] and j not in breaks]
+        redundant = not rows.tree or bool(touching)
+        for j in resting:
+            rests = abs(a[j]) <= still and j not in breaks
+            others = redundant and any(joint != j for joint in inside)
+            beyond = f[j] < now.least[j] or f[j] > now.largest[j]
+            # The force on a joint is opposite to its direction of sliding.
+            forward = f[j] < 0.5 * (now.least[j] + now.largest[j])
+            if sides[j] and (beyond or (rests and not rows.rubs[j] and not others)):
+                joints[j] = RowMode.UPPER if sides[j] > 0.0 else RowMode.LOWER
+            elif not rows.rubs[j]:
+                joints[j] = RowMode.OFF
+            elif j in inside or (rests and not others):
+                joints[j] = RowMode.STICKING
+            elif others and abs(a[j]) <= still:
+                joints[j] = RowMode.BOUND_FORWARD if forward else RowMode.BOUND_BACKWARD
+                begun.add(j)
+            else:
+                joints[j] = RowMode.FORWARD if forward else RowMode.BACKWARD
+                begun.add(j)
+        return f, begun
+
+    def _contact_modes(self, f: Array, a: Array, touching: list[int], contacts: Any,
+                       begins: Array, still: float, breaks: Collection[int]) -> None:
+        """Write the modes of contacts that touch, by their forces and accelerations."""
+        for i in touching:
+            normal = self._contacts[i]
+            force = f[normal + 1:normal + 3]
+            opens = a[normal] > still or len(self.rows.joints) + i in breaks
+            if not f[normal] > 0.0 and opens:
+                contacts[i] = RowMode.OFF
+            elif contacts[i] != RowMode.SLIDING:
+                size = float(np.linalg.norm(force))
+                radius = self.rows.friction[i] * f[normal]
+                contacts[i] = RowMode.STICKING
+                if radius == 0.0:
+                    contacts[i], begins[i] = RowMode.SLIDING, 0.0
+                elif size >= radius * (1.0 - 1e-12):
+                    slip = a[normal + 1:normal + 3]
+                    moves = float(np.linalg.norm(slip)) > still
+                    contacts[i] = RowMode.SLIDING if moves else RowMode.BOUND
+                    begins[i] = -force / size
+
+    def at_rest(self, state: Array, modes: Modes, now: Response) -> Array:
+        """Return a state in which held rows have no velocity, by impulses on them."""
+        rows = self.rows
+        k = len(rows.joints)
+        n_q = rows.robot.n_q
+        after = state.copy()
+        stuck = [j for j, mode in enumerate(modes.joints) if mode in HELD]
+        used = list(stuck)
+        for i, mode in enumerate(modes.contacts):
+            if mode != RowMode.OFF:
+                used.append(k + 3 * i)
+            if mode == RowMode.STICKING:
+                used += [k + 3 * i + 1, k + 3 * i + 2]
+        if used and now.v[used].any():
+            p = held(now.A[np.ix_(used, used)], now.v[used])
+            after[n_q:n_q + rows.robot.n] += now.B[:, used] @ p
+        if rows.tree:
+            after[n_q + np.array([rows.joints[j] for j in stuck], dtype=int)] = 0.0
+            for j in stuck:
+                if modes.joints[j] != RowMode.STICKING:
+                    bound = rows.upper if modes.joints[j] == RowMode.UPPER else rows.lower
+                    after[rows.places[j]] = bound[j]
+        return after
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> SampledRows:
+        """Return accelerations, forces and modes at K states, (K, size)."""
+        rows = self.rows
+        k, c = len(rows.joints), len(rows.pairs)
+        n_j = rows.robot.model.n
+        stop_forces, friction = np.zeros((2, len(states), n_j))
+        sticking = np.zeros((len(states), n_j), dtype=bool)
+        contact_forces = np.zeros((len(states), c, 3))
+        contact_modes = np.zeros((len(states), c), dtype=int)
+        udot = np.empty((len(states), rows.robot.n))
+        for row, (state, torque, t) in enumerate(zip(states, tau, times)):
+            modes, now, f = self.choose(state, torque, float(t))
+            forces = self.acting(modes, now, f)
+            udot[row] = now.udot + now.B @ forces
+            of_joints = forces[:k]
+            beyond = of_joints - np.clip(of_joints, now.least, now.largest)
+            stop_forces[row, rows.joints] = beyond
+            friction[row] = now.friction - now.J.T @ forces[k:]
+            friction[row, rows.joints] -= of_joints - beyond
+            sticks = [mode in HELD and bool(rubs)
+                      for mode, rubs in zip(modes.joints, rows.rubs)]
+            sticking[row, rows.joints] = sticks
+            along = forces[k:].reshape(c, 3)
+            contact_forces[row] = np.einsum('ci,cij->cj', along, now.bases)
+            contact_modes[row] = modes.contacts
+        return SampledRows(udot, stop_forces, sticking, friction, contact_forces,
+                           contact_modes)
+
+    def acting(self, modes: Modes, now: Response, f: Array) -> Array:
+        """Return the forces of all rows, with the friction of contacts that slide."""
+        k = len(self.rows.joints)
+        forces = f.copy()
+        for j, mode in enumerate(modes.joints):
+            if mode not in HELD:
+                forces[j] = 0.0  # friction of directions
+        for i, mode in enumerate(modes.contacts):
+            normal = k + 3 * i
+            slip = now.v[normal + 1:normal + 3]
+            speed = float(np.linalg.norm(slip))
+            if mode == RowMode.SLIDING and speed > SLOW:
+                forces[normal + 1:normal + 3] = (-self.rows.friction[i] * forces[normal]
+                                                 * slip / speed)
+        return forces
+
+
+def _solved(A: Array, b: Array, lower: Array, upper: Array, discs: list[Disc],
+            used: Array) -> Array:
+    """Return the solution of `with_discs` for some of the rows."""
+    place = {row: number for number, row in enumerate(used.tolist())}
+    among = [Disc(place[disc.normal], place[disc.first], place[disc.second], disc.friction)
+             for disc in discs]
+    return with_discs(A[np.ix_(used, used)], b[used], lower[used], upper[used], among)

@@ -1,0 +1,424 @@
+"""
+The stepper: joints with stops and set-valued friction, and contacts, as rows with modes.
+
+Native steps in constant modes follow each other while all guards are positive. In the
+step where one is not, the first zero of the guards is found by the same kernel; rows that
+touch and approach get impulses, the modes are chosen anew, and the rest of the step
+follows in the same way.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.contacts import ContactPair
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import energy_kernel
+from kane_dynamics.simulation.observers import Extremes
+from kane_dynamics.simulation.observers import Impact as Energy
+from kane_dynamics.simulation.row_kernel import (Guards, RowMode, Modes, row_kernel,
+                                                 RowSet)
+from kane_dynamics.simulation.row_modes import (Impact, row_set, RowModes,
+                                                 SampledRows, TOUCHING)
+from kane_dynamics.simulation.step_kernels import state_layout
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent
+import numpy as np
+
+FIRST, GROWTH = 16, 4  # steps of the first native piece, and ratio of the next ones
+MOST = 200  # transitions in one step
+SHORT = 1e-9  # of a step: a part that is left out
+HALVINGS = 40  # of a step, to find a time at which the guards are positive
+TRIALS = 100  # of the root of the guards
+NEAR = 1e-3  # of the interval of a root: distance of trials from the secant
+EXACT = 4e-16  # of a step: width of the interval of a root
+
+
+class Contacts(NamedTuple):
+    """The contacts of a simulation: c pairs, and their friction and restitution, (c,)."""
+
+    pairs: tuple[ContactPair, ...] = ()
+    friction: Sequence[float] = ()
+    restitution: Sequence[float] = ()
+
+
+class _Part(NamedTuple):
+    """A part of a step: the state at its end, guards, and power of contacts at its begin."""
+
+    state: Array
+    guards: Guards
+    power: float
+
+    @property
+    def valid(self) -> bool:
+        """Return whether all guards are positive; NaN is not."""
+        return bool((self.guards.forces > 0.0).all() and (self.guards.ends > 0.0).all())
+
+
+class _Loss(NamedTuple):
+    """Energy that is lost in steps, by their numbers, and its uncertainty, (K,), J."""
+
+    steps: Array
+    loss: Array
+    uncertain: Array
+
+    def until(self, done: int) -> '_Loss':
+        """Return the losses of the first `done` steps."""
+        return _Loss(*(x[self.steps <= done] for x in self))
+
+
+class RowSteps:
+    """
+    The steps of N simulations of one robot whose rows have modes.
+
+    Parameters
+    ----------
+    robot : Robot
+    step, start : float
+        s.
+    stops, sticking : bool
+        Whether there are stops at the position limits, and set-valued friction.
+    contacts : Contacts
+
+    """
+
+    def __init__(self, robot: Robot, step: float, start: float, stops: bool,
+                 sticking: bool, contacts: Contacts) -> None:
+        """Begin without transitions."""
+        self._robot, self._step, self._start = robot, step, start
+        self.stops, self.sticking = stops, sticking
+        self._contacts = contacts
+        self._modes_of: dict[tuple[str, ...], tuple[Robot, RowModes]] = {}
+        self._losses: dict[int, list[_Loss]] = {}
+        self._hits: dict[int, list[tuple[int, StopEvent | ContactEvent]]] = {}
+        self._events: list[StopEvent | ContactEvent] = []
+        # The modes after a step of a simulation: step, source's speeds, modes.
+        self._known: dict[int, tuple[int, Array, Modes]] = {}
+
+    @property
+    def any_rows(self) -> bool:
+        """Return whether there is a joint with friction or stops, or a contact."""
+        rows = self._row_set(self._robot, None)
+        return bool(rows.joints or rows.pairs)
+
+    def _row_set(self, robot: Robot, dual_to: tuple[str, ...] | None) -> RowSet:
+        return row_set(robot, self.stops, self.sticking, self._contacts.pairs,
+                       self._contacts.friction, self._contacts.restitution, dual_to)
+
+    def rows(self, robot: Robot, dual_to: tuple[str, ...] | None = None) -> RowModes:
+        """Return the choice of modes for the robot in one choice of speeds."""
+        key = (*robot.speed_names, 'dual to', *(dual_to or ()))
+        if key not in self._modes_of or self._modes_of[key][0] is not robot:
+            self._modes_of[key] = robot, RowModes(self._row_set(robot, dual_to), self._step)
+        return self._modes_of[key][1]
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> SampledRows:
+        """Return accelerations, forces and modes at states of the user's robot, (K, size)."""
+        return self.rows(self._robot).at_samples(states, tau, times)
+
+    def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
+        """
+        Compute the states after each step, as `TorqueInput.advance`.
+
+        What happened after `done` steps of an earlier call is forgotten: it is computed
+        again.
+        """
+        simulations = source.simulations
+        if simulations is None:
+            simulations = range(len(buffer))
+        for row, i in enumerate(simulations):
+            self._losses[i] = [loss.until(done) for loss in self._losses.get(i, [])]
+            self._hits[i] = [x for x in self._hits.get(i, []) if x[0] <= done]
+            self._follow(source.alone(row), i, buffer[row], done)
+        if source.single:
+            return None
+        return buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
+
+    def settle(self, done: int) -> list[Energy]:
+        """Close what happened so far; return its energy in steps counted from `done`."""
+        settled = []
+        for i, losses in self._losses.items():
+            for steps, loss, uncertain in losses:
+                settled.append(Energy(steps - done - 1, i, loss, uncertain))
+        for hits in self._hits.values():
+            self._events += [event for _, event in hits]
+        self._losses.clear()
+        self._hits.clear()
+        return settled
+
+    def events(self, single: bool, kind: type = StopEvent) -> tuple[Any, ...]:
+        """Return the impacts of one kind so far, in order of time."""
+        events: list[Any] = sorted(x for x in self._events if isinstance(x, kind))
+        if single:
+            events = [event._replace(state=None) for event in events]
+        return tuple(events)
+
+    # The steps of one simulation.
+
+    def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
+        """Compute the states of simulation i after each step, (K + 1, size)."""
+        path = _Path(self, source, i)
+        end = len(rows) - 1
+        if not done and self._contacts.pairs:
+            # Contacts hold to rounding: the balance cannot be better than that.
+            model = self._robot.model
+            weight = sum(body.inertial.mass for body in model.bodies) * np.linalg.norm(
+                self._robot.parameters.gravity)
+            self.record(i, 0, 0.0, TOUCHING * float(weight))
+        modes = None
+        if i in self._known:
+            step, state, modes_there = self._known[i]
+            if step == done and np.array_equal(state, rows[0]):
+                modes = modes_there
+        at, piece = 0, FIRST
+        while at < end:
+            if modes is None:
+                rows[at], modes = path.begun(rows[at], done + at, 0.0)
+            count = min(piece, end - at)
+            computed, guards, power = path.scanned(rows[at], done + at, count, modes)
+            good = ((guards.forces > 0.0).all(axis=1) & (guards.ends > 0.0).all(axis=1)
+                    & self._accepted(computed))
+            valid = count if good.all() else int(np.argmin(good))
+            # The forces at the end of the last valid step are those of the same torque.
+            if valid and not path.holds(computed[valid - 1], done + at + valid - 1, modes):
+                valid -= 1
+            rows[at + 1:at + 1 + valid] = computed[:valid]
+            path.dissipated(done + at, power[:valid + 1], valid)
+            at += valid
+            piece = GROWTH * piece if valid == count else FIRST
+            if valid == count:
+                continue
+            if not self._accepted(computed[valid:valid + 1])[0]:
+                rows[at + 1:] = computed[valid]  # diverged, or to go on in other speeds
+                return
+            if not (guards.forces[valid] > 0.0).all():
+                modes = None  # the torque has changed
+                rows[at], modes = path.begun(rows[at], done + at, 0.0)
+            after, modes = path.through(rows[at], done + at, modes)
+            rows[at + 1] = after
+            if not self._accepted(rows[at + 1:at + 2])[0]:
+                rows[at + 1:] = after
+                return
+            at += 1
+        if modes is not None:
+            self._known[i] = done + end, rows[end].copy(), modes
+
+    def _accepted(self, states: Array) -> Any:
+        """Return which states, (K, size), are finite with a positive margin, if any."""
+        margin = states[:, state_layout(self._robot).without_margin:]
+        return np.isfinite(states).all(axis=1) & (margin > 0.0).all(axis=1)
+
+    def record(self, i: int, steps: Any, loss: Any, uncertain: Any) -> None:
+        """Record energy that is lost in steps, (K,) or one, and its uncertainty, J."""
+        arrays = (np.atleast_1d(x) for x in (np.asarray(steps) + 1, loss, uncertain))
+        self._losses.setdefault(i, []).append(_Loss(*arrays))
+
+    def hit(self, i: int, step: int, t: float, impact: Impact, rows: RowModes,
+            state: Array) -> None:
+        """Record the events of an impact."""
+        events = self._hits.setdefault(i, [])
+        of = rows.rows
+        for joint, speed in impact.joints.items():
+            place = of.places[joint]
+            near_upper = abs(state[place] - of.upper[joint]) < abs(state[place]
+                                                                   - of.lower[joint])
+            events.append((step + 1, StopEvent(
+                t, self._robot.coordinate_names[place], 'upper' if near_upper else 'lower',
+                speed, impact.loss, i)))
+        for contact, speed in impact.contacts.items():
+            events.append((step + 1, ContactEvent(
+                t, of.pairs[contact].name, speed, float(impact.impulses[contact, 0]),
+                impact.loss, contact in impact.rests, i)))
+
+
+class _Path:
+    """The motion of one simulation within and across steps."""
+
+    def __init__(self, steps: RowSteps, source: TorqueInput, i: int) -> None:
+        """Choose the kernels of the source's speeds."""
+        self._steps, self._source, self._i = steps, source, i
+        robot = source.robot
+        dual_to = source.choice.needed(robot).dual_to
+        self._rows = steps.rows(robot, dual_to)
+        self._kernel = row_kernel(self._rows.rows, source.choice)
+        self._step = source.step
+        self._place_of_step = 2 * robot.n if source.follows else 0
+
+    def scanned(self, state: Array, step: int, count: int,
+                modes: Modes) -> tuple[Array, Guards, Array]:
+        """Return the states after each of `count` steps, their guards and powers."""
+        rows = np.empty((count + 1, *self._kernel.shape))
+        size = len(state)
+        rows[0, :size] = state
+        inputs = self._source.inputs(step, count)
+        row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
+        numbers = modes.numbers(self._rows.rows)
+        self._kernel.scan([rows[:-1, :size], row, numbers], rows[1:],
+                          constants=self._source.constants)
+        return rows[1:, :size], self._guards(rows[1:, size:-1]), rows[1:, -1]
+
+    def _guards(self, numbers: Array) -> Guards:
+        of = self._rows.rows
+        end = len(of.joints) + 2 * len(of.pairs)
+        return Guards(numbers[..., :end], numbers[..., end:])
+
+    def part(self, state: Array, step: int, passed: float, length: float,
+             modes: Modes) -> _Part:
+        """Return a part of a step, from `passed` s after its beginning on."""
+        constants = self._source.constants.copy()
+        constants[self._place_of_step] = length
+        inputs = self._source.inputs_within(step, passed, length)[0, 0]
+        size = len(state)
+        row = np.empty((1, *self._kernel.shape))
+        self._kernel.scan([state[None], inputs, modes.numbers(self._rows.rows)], row,
+                          constants=constants)
+        return _Part(row[0, :size].copy(), self._guards(row[0, size:-1]), float(row[0, -1]))
+
+    def _whole(self, state: Array, step: int, passed: float, length: float,
+               modes: Modes) -> tuple[_Part, Array]:
+        """Return a part of a step, and all its guards with those of the forces at its end."""
+        part = self.part(state, step, passed, length, modes)
+        guards = part.guards.ends
+        if self._holds_any(modes):
+            ends = self.part(part.state, step, passed + length, 0.0, modes).guards.forces
+            guards = np.concatenate([guards, ends])
+        return part, guards
+
+    @staticmethod
+    def _holds_any(modes: Modes) -> bool:
+        of_joints = any(mode in (RowMode.LOWER, RowMode.UPPER, RowMode.STICKING)
+                        for mode in modes.joints)
+        return of_joints or any(mode != RowMode.OFF for mode in modes.contacts)
+
+    def holds(self, state: Array, step: int, modes: Modes) -> bool:
+        """Return whether held rows hold at the end of a step, under its torque."""
+        if not self._holds_any(modes):
+            return True
+        end = self.part(state, step, self._step, 0.0, modes)
+        return bool((end.guards.forces > 0.0).all())
+
+    def dissipated(self, step: int, power: Array, count: int) -> None:
+        """Record the work of contacts in steps, by the trapezoidal rule."""
+        if not self._rows.rows.pairs:
+            return
+        ends = np.append(power, power[-1:])[:count + 1]
+        if ends.any():
+            self._steps.record(self._i, step + np.arange(count),
+                               -0.5 * self._step * (ends[:-1] + ends[1:]),
+                               self._step * np.abs(np.diff(ends)))
+
+    def begun(self, state: Array, step: int, passed: float,
+              breaks: Sequence[int] = ()) -> tuple[Array, Modes]:
+        """Return the state after impacts, and its modes, `passed` s after a step's begin."""
+        tau = self._source.torque_within(state, step, passed)
+        t = self._source.start + step * self._step + passed
+        after, impact = self._rows.impact(state, tau, t)
+        if impact is not None:
+            self._steps.hit(self._i, step, t, impact, self._rows, state)
+            self._steps.record(self._i, step, impact.loss, 0.0)
+        modes, now, _ = self._rows.choose(after, tau, t, breaks)
+        return self._rows.at_rest(after, modes, now), modes
+
+    def through(self, state: Array, step: int, modes: Modes) -> tuple[Array, Modes]:
+        """Return the state after a step with transitions, and the modes there."""
+        passed = 0.0
+        begin = state
+        for _ in range(MOST):
+            left = self._step - passed
+            if left <= SHORT * self._step:
+                self._kinks_of_friction(step, begin, state)
+                return state, modes
+            part, guards = self._whole(state, step, passed, left, modes)
+            if (guards > 0.0).all():
+                self._kink(step, left, part)
+                self._kinks_of_friction(step, begin, part.state)
+                return part.state, modes
+            if not np.isfinite(part.state).all():
+                return part.state, modes
+            time, part, guards = self._root(state, step, passed, left, modes, guards)
+            self._kink(step, time, part)
+            passed += time
+            state = self._reached(part.state, guards)
+            state, modes = self.begun(state, step, passed, self._breaks(guards))
+        t = self._source.start + step * self._step
+        raise InputError(f'simulation: more than {MOST} transitions of stops, friction and '
+                         f'contacts in the step at {t:.6g} s; expected a shorter step')
+
+    def _kink(self, step: int, length: float, part: _Part) -> None:
+        """Record the energy of contacts in a part of a step, and its uncertainty."""
+        lost = -part.power * length
+        self._steps.record(self._i, step, lost, abs(lost) + 0.0)
+
+    def _kinks_of_friction(self, step: int, begin: Array, end: Array) -> None:
+        """Record that the power of friction of joints has a kink within a step."""
+        robot = self._source.robot
+        size = state_layout(robot).without_margin
+        terms = energy_kernel(robot, self._steps.sticking)(np.stack([begin, end])[:, :size])
+        power = float(np.abs(terms[:, 2]).sum())
+        self._steps.record(self._i, step, 0.0, 0.5 * self._step * power)
+
+    def _root(self, state: Array, step: int, passed: float, left: float, modes: Modes,
+              beyond: Array) -> tuple[float, _Part, Array]:
+        """
+        Return the first time at which a guard is not positive, just past it.
+
+        The third result has the guards there. A guard may be zero at the beginning, of a
+        row that has just left its bound.
+        """
+        low, high = 0.0, left
+        inside = beyond
+        for k in range(1, HALVINGS):
+            low = left * 0.5**k
+            part, inside = self._whole(state, step, passed, low, modes)
+            if (inside > 0.0).all():
+                break
+            high, beyond = low, inside
+        else:
+            low = 0.0
+        for trial in range(TRIALS):
+            if high - low <= EXACT * self._step or low == 0.0:
+                break
+            # Just past and just before the earliest secant of the guards that fail, then
+            # the middle.
+            fails = ~(beyond > 0.0)
+            share = 0.5
+            if trial % 3 < 2 and np.isfinite(beyond[fails]).all():
+                falls = inside[fails] - beyond[fails]
+                share = float((inside[fails] / falls).min())
+                share = min(max(share + (NEAR if trial % 3 == 0 else -NEAR), 0.0), 1.0)
+            middle = low + share * (high - low)
+            if not low < middle < high:
+                middle = 0.5 * (low + high)
+            if not low < middle < high:
+                break
+            part, guards = self._whole(state, step, passed, middle, modes)
+            if (guards > 0.0).all():
+                low, inside = middle, guards
+            else:
+                high, beyond = middle, guards
+        part, guards = self._whole(state, step, passed, high, modes)
+        return high, part, guards
+
+    def _breaks(self, guards: Array) -> list[int]:
+        """Return the rows whose forces have reached their bounds, as `RowModes.choose`."""
+        of = self._rows.rows
+        k, c = len(of.joints), len(of.pairs)
+        forces = ~(guards[2 * (k + c):] > 0.0)
+        return np.flatnonzero(forces[:k + c]).tolist()
+
+    def _reached(self, state: Array, guards: Array) -> Array:
+        """Return a state of a tree in which joints are exactly where their guards end."""
+        of = self._rows.rows
+        if not of.tree:
+            return state
+        state = state.copy()
+        k = len(of.joints)
+        distances, rates = np.split(~(guards[:2 * k] > 0.0), 2)
+        for j in np.flatnonzero(distances).tolist():
+            place = of.places[j]
+            near_upper = abs(state[place] - of.upper[j]) < abs(state[place] - of.lower[j])
+            state[place] = of.upper[j] if near_upper else of.lower[j]
+        for j in np.flatnonzero(rates).tolist():
+            state[of.robot.n_q + of.joints[j]] = 0.0
+        return state
