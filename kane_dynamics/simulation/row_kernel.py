@@ -43,8 +43,9 @@ import numpy as np
 
 FINITE = 1e300  # in place of infinite bounds, for which 0 times infinity would be NaN
 AT_STOP = 1e-11  # rad or m: past a stop, with constraints, after loops are closed
+STILL = 1e-9  # rad/s or m/s: rate of a joint of a tree that others hold, rounding
 ROUNDING = 1e-12  # of forces, relative: a margin of the guards of held rows
-PER_JOINT, PER_CONTACT = 5, 6  # numbers of the modes of a row
+PER_JOINT, PER_CONTACT = 6, 6  # numbers of the modes of a row
 
 
 class RowMode(IntEnum):
@@ -63,6 +64,7 @@ class RowMode(IntEnum):
 
 
 HELD = RowMode.LOWER, RowMode.UPPER, RowMode.STICKING
+AT_BOUNDS = RowMode.BOUND_FORWARD, RowMode.BOUND_BACKWARD
 SIGNS = {RowMode.FORWARD: 1.0, RowMode.BACKWARD: -1.0,
          RowMode.BOUND_FORWARD: 1.0, RowMode.BOUND_BACKWARD: -1.0}
 
@@ -140,6 +142,7 @@ class ModeInputs(NamedTuple):
     sides: Vector  # -1 at the lower, 1 at the upper stop
     lower: Vector
     upper: Vector
+    at_bound: Vector  # 1 of joints that others hold at the bound of their friction
     touching: Vector
     sticking: Vector
     bound: Vector
@@ -167,8 +170,8 @@ class Modes(NamedTuple):
         """Return the directions of friction of joints, (k,), as `friction_torque`."""
         result = []
         for mode, drops in zip(self.joints, rows.drops):
-            bound = mode in (RowMode.BOUND_FORWARD, RowMode.BOUND_BACKWARD)
-            result.append(SIGNS.get(mode, 0.0) * (AT_BOUND if bound and drops else 1.0))
+            bound = AT_BOUND if mode in AT_BOUNDS and drops else 1.0
+            result.append(SIGNS.get(mode, 0.0) * bound)
         return np.array(result)
 
     def numbers(self, rows: RowSet) -> Array:
@@ -176,10 +179,11 @@ class Modes(NamedTuple):
         sides = [{RowMode.LOWER: -1.0, RowMode.UPPER: 1.0}.get(mode, 0.0) for mode in self.joints]
         touching = [float(mode != RowMode.OFF) for mode in self.contacts]
         sticking = [float(mode == RowMode.STICKING) for mode in self.contacts]
+        at_bound = [float(mode in AT_BOUNDS) for mode in self.joints]
         bound = [float(mode == RowMode.BOUND) for mode in self.contacts]
         return np.concatenate([
             [float(mode in HELD) for mode in self.joints], self.directions(rows), sides,
-            np.maximum(rows.lower, -FINITE), np.minimum(rows.upper, FINITE),
+            np.maximum(rows.lower, -FINITE), np.minimum(rows.upper, FINITE), at_bound,
             touching, sticking, bound, np.minimum(0.0, self.floors),
             np.ravel(self.begins.T)])
 
@@ -414,10 +418,9 @@ def _joint_ends(rows: RowSet, modes: ModeInputs, q: Vector, v: Vector) -> list[S
         direction_of = modes.directions[row]
         rate = direction_of * v[joint] + rows.slow[row]
         slides = direction_of * direction_of > 0.5
-        if rows.drops[row]:
-            # A joint at the bound of its friction, held by others, does not move.
-            still = 2.0 * rows.slow[row] + ROUNDING - magnitude(v[joint])
-            rate = select(direction_of * direction_of > 1.5, still, rate)
+        # A joint at the bound of its friction, held by others, does not move.
+        still = max(2.0 * rows.slow[row], STILL) - magnitude(v[joint])
+        rate = select(modes.at_bound[row] > 0.5, still, rate)
         rates.append(select(slides, select(free, rate, 1.0), 1.0))
     return [*distances, *rates]
 

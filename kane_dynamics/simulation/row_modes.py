@@ -9,12 +9,13 @@ from collections.abc import Collection
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.complementarity import Disc, held, with_discs
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.row_kernel import (HELD, RowMode, Modes, Response,
+from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, RowMode, Modes, Response,
                                                  response_kernel, responses, RowSet)
 import numpy as np
 
@@ -253,6 +254,11 @@ class RowModes:
             if speed > SLOW:
                 # The friction of a contact that slides goes with its normal force.
                 A[:, normal] -= rows.friction[i] * A[:, both] @ (slip / speed)
+                if A[normal, normal] <= 0.0:
+                    raise ConstraintError(
+                        f"contact '{rows.pairs[i].name}': its friction presses it on while it "
+                        'slides, so that no force ends the approach; expected less '
+                        "friction (Painleve's paradox)")
                 contacts[i] = RowMode.SLIDING
                 begins[i] = slip / speed
             else:
@@ -270,9 +276,10 @@ class RowModes:
         begun = set()
         inside = [j for j in resting if lower[j] < f[j] < upper[j] and j not in breaks]
         redundant = not rows.tree or bool(touching)
+        fixed = any(contacts[i] == RowMode.STICKING for i in touching)
         for j in resting:
             rests = abs(a[j]) <= still and j not in breaks
-            others = redundant and any(joint != j for joint in inside)
+            others = redundant and (fixed or any(joint != j for joint in inside))
             beyond = f[j] < now.least[j] or f[j] > now.largest[j]
             # The force on a joint is opposite to its direction of sliding.
             forward = f[j] < 0.5 * (now.least[j] + now.largest[j])
@@ -354,7 +361,7 @@ class RowModes:
             stop_forces[row, rows.joints] = beyond
             friction[row] = now.friction - now.J.T @ forces[k:]
             friction[row, rows.joints] -= of_joints - beyond
-            sticks = [mode in HELD and bool(rubs)
+            sticks = [(mode in HELD or mode in AT_BOUNDS) and bool(rubs)
                       for mode, rubs in zip(modes.joints, rows.rubs)]
             sticking[row, rows.joints] = sticks
             along = forces[k:].reshape(c, 3)

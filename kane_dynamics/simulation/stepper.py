@@ -181,10 +181,16 @@ class RowSteps:
                     & self._accepted(computed))
             valid = count if good.all() else int(np.argmin(good))
             # The forces at the end of the last valid step are those of the same torque.
-            if valid and not path.holds(computed[valid - 1], done + at + valid - 1, modes):
-                valid -= 1
+            ends = power[valid:valid + 1]
+            if valid and path.watches_end(modes):
+                end_part = path.part(computed[valid - 1], done + at + valid - 1, self._step,
+                                     0.0, modes)
+                ends = np.array([end_part.power])
+                if not (end_part.guards.forces > 0.0).all():
+                    valid -= 1
+                    ends = power[valid:valid + 1]
             rows[at + 1:at + 1 + valid] = computed[:valid]
-            path.dissipated(done + at, power[:valid + 1], valid)
+            path.dissipated(done + at, np.append(power[:valid], ends))
             at += valid
             piece = GROWTH * piece if valid == count else FIRST
             if valid == count:
@@ -280,33 +286,25 @@ class _Path:
         """Return a part of a step, and all its guards with those of the forces at its end."""
         part = self.part(state, step, passed, length, modes)
         guards = part.guards.ends
-        if self._holds_any(modes):
+        if self.watches_end(modes):
             ends = self.part(part.state, step, passed + length, 0.0, modes).guards.forces
             guards = np.concatenate([guards, ends])
         return part, guards
 
     @staticmethod
-    def _holds_any(modes: Modes) -> bool:
+    def watches_end(modes: Modes) -> bool:
+        """Return whether a row has a force that ends at a bound."""
         of_joints = any(mode in (RowMode.LOWER, RowMode.UPPER, RowMode.STICKING)
                         for mode in modes.joints)
         return of_joints or any(mode != RowMode.OFF for mode in modes.contacts)
 
-    def holds(self, state: Array, step: int, modes: Modes) -> bool:
-        """Return whether held rows hold at the end of a step, under its torque."""
-        if not self._holds_any(modes):
-            return True
-        end = self.part(state, step, self._step, 0.0, modes)
-        return bool((end.guards.forces > 0.0).all())
-
-    def dissipated(self, step: int, power: Array, count: int) -> None:
-        """Record the work of contacts in steps, by the trapezoidal rule."""
-        if not self._rows.rows.pairs:
-            return
-        ends = np.append(power, power[-1:])[:count + 1]
-        if ends.any():
+    def dissipated(self, step: int, power: Array) -> None:
+        """Record the work of contacts in steps by the power at their ends, (K + 1,)."""
+        count = len(power) - 1
+        if count > 0 and power.any():
             self._steps.record(self._i, step + np.arange(count),
-                               -0.5 * self._step * (ends[:-1] + ends[1:]),
-                               self._step * np.abs(np.diff(ends)))
+                               -0.5 * self._step * (power[:-1] + power[1:]),
+                               self._step * np.abs(np.diff(power)))
 
     def begun(self, state: Array, step: int, passed: float,
               breaks: Sequence[int] = ()) -> tuple[Array, Modes]:
