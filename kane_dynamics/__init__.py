@@ -52,9 +52,11 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.motion.smooth_motion import SmoothMotion
     from kane_dynamics.robot.robot import Robot
     from kane_dynamics.robot.torque_bounds import TorqueBounds, Uncertainty
+    from kane_dynamics.simulation.contact import (Contact, CylinderSurface, PlaneSurface,
+                                                  SphereSurface)
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
-    from kane_dynamics.simulation.trajectory import Trajectory
+    from kane_dynamics.simulation.trajectory import ContactMode, Trajectory
     from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
     from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
     from kane_dynamics.task_space.hand_guiding import HandGuiding
@@ -69,7 +71,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 
 __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
-           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
+           'Contact', 'ContactMode',
+           'Controller', 'controller_kernels', 'Coupling', 'CylinderSurface', 'DependentSpeeds',
            'Drive',
            'ElasticFeedforward', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
@@ -78,11 +81,11 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'MotorSideControl', 'MotorTracking',
-           'OperationalSpace', 'PartnerState', 'PointVelocity',
+           'OperationalSpace', 'PartnerState', 'PlaneSurface', 'PointVelocity',
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'SmoothMotion', 'Speeds', 'StiffnessCurve', 'SweepError', 'TaskSpace',
+           'Rolling', 'SmoothMotion', 'Speeds', 'SphereSurface', 'StiffnessCurve', 'SweepError', 'TaskSpace',
            'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
@@ -143,9 +146,10 @@ _NAMES_BY_MODULE = {
     'motion.smooth_motion': 'SmoothMotion',
     'robot.robot': 'Robot',
     'robot.torque_bounds': 'TorqueBounds Uncertainty',
+    'simulation.contact': 'Contact CylinderSurface PlaneSurface SphereSurface',
     'simulation.simulate': 'simulate',
     'simulation.step_size': 'longest_step',
-    'simulation.trajectory': 'Trajectory',
+    'simulation.trajectory': 'ContactMode Trajectory',
     'task_space.arm_coupling': 'ArmCoupling PartnerState',
     'task_space.cartesian_impedance': 'CartesianImpedance',
     'task_space.hand_guiding': 'HandGuiding',

@@ -115,6 +115,7 @@ def with_discs(A: Array, b: Array, lower: Array, upper: Array,
             x = projection.swept(x)
         x, converged = projection.newton(x)
         if converged:
+            x[projection.boxed] = np.clip(x, lower, upper)[projection.boxed]
             return x
     raise ConstraintError(f'contacts: the friction of {len(discs)} contacts is not '
                           'determined; expected less friction, since the law then has no '
@@ -153,7 +154,7 @@ class _Projection:
         return x
 
     def _linearized(self, x: Array) -> tuple[Array, Array]:
-        """Return the residuals of all projections and their derivatives by x."""
+        """Return the residuals of all projections and their derivatives with respect to x."""
         k = len(x)
         trial = x - (self.A @ x + self.b) / self.scale
         of_trial = np.eye(k) - self.A / self.scale[:, None]

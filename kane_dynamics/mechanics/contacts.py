@@ -27,7 +27,7 @@ POLE = 0.81  # square of the height of a normal near the pole of a sphere, for i
 
 class ContactPair(NamedTuple):
     """
-    What may touch: a sphere around the origin of a frame, and a surface.
+    Pair that may touch: a sphere around the origin of a frame, and a surface.
 
     Attributes
     ----------

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair, gap
@@ -23,6 +24,7 @@ Numbers = Sequence[float]
 PENETRATION = 1e-9  # m: rounding of an initial configuration
 
 
+@fixed
 @dataclass(frozen=True)
 class PlaneSurface:
     """
@@ -46,6 +48,7 @@ class PlaneSurface:
     radius = 0.0
 
 
+@fixed
 @dataclass(frozen=True)
 class SphereSurface:
     """
@@ -74,6 +77,7 @@ class SphereSurface:
         return self.center
 
 
+@fixed
 @dataclass(frozen=True)
 class CylinderSurface:
     """
@@ -107,6 +111,7 @@ class CylinderSurface:
 Surface = PlaneSurface | SphereSurface | CylinderSurface
 
 
+@fixed
 @dataclass(frozen=True)
 class Contact:
     """

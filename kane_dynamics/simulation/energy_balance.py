@@ -115,7 +115,8 @@ class EnergyBalance(Observer):
         self._friction = friction
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
         if robot.equations.tree.bristles:
-            self._friction = bristle_friction(robot, False)
+            if friction is None:
+                self._friction = bristle_friction(robot, False)
             self._bristle_frequency = bristle_frequency(robot, states[0, :robot.n_q],
                                                         start)
         self._kernel = energy_kernel(robot, exact)

@@ -8,13 +8,15 @@ from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
-                                                             linear_system, Solution)
+                                                             linear_system, Solution,
+                                                             Solver)
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
                                                    optional_inputs, RobotMotion,
                                                    tau_from, time_input, wrench_input)
+import numpy as np
 
 
 class HeldStage(NamedTuple):
@@ -61,8 +63,8 @@ class HeldMotion(RobotMotion):
         self._modes = modes
 
     @abstractmethod
-    def held(self, modes: Vector) -> Held:
-        """Return which joints may be held, and the conditions on which they are."""
+    def held(self, modes: Vector, q: Vector) -> Held | Solver:
+        """Return which joints may be held, on which conditions, or what solves a stage."""
 
     @abstractmethod
     def results(self, stage: HeldStage) -> list[Scalar]:
@@ -104,7 +106,7 @@ class HeldMotion(RobotMotion):
                 tau = tau_from(equations, self._dual_to, q, tau, t)
 
             # Which joints are held, and the directions of those that slide.
-            held = self.held(modes)
+            held = self.held(modes, q)
             directions = self.directions(modes)
             # Explicit methods: udot and the forces that hold joints, from M udot = net.
             if method is None:
@@ -140,6 +142,6 @@ class HeldMotion(RobotMotion):
             name = f'watched_{name}'
         return trace_program(name, dynamics, [
             ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
-            ('modes', (len(self._joints),)), *first_stage, *wrench_input(robot),
+            ('modes', np.shape(self._modes)), *first_stage, *wrench_input(robot),
             *time_input(robot), *deflection_input(robot),
             ('parameters', robot.parameters.block.shape)])

@@ -36,6 +36,8 @@ class BristleFriction:
 
     """
 
+    sticking = False
+
     def __init__(self, robot: Robot, stops: bool) -> None:
         """Store the robot."""
         self.robot, self._stops = robot, stops

@@ -14,29 +14,24 @@ from functools import partial
 import hashlib
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.contacts import contact_rows, ContactPair
 from kane_dynamics.mechanics.friction import AT_BOUND
-from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system,
-                                                             LinearSystem, Solution)
-from kane_dynamics.mechanics.integrators.interface import StageRates
-from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.integrators.rows import (ContactModes, JointRows,
-                                                      row_solution, Rows)
+from kane_dynamics.mechanics.integrators.held_joints import (linear_system, LinearSystem,
+                                                             Solution, Solver)
+from kane_dynamics.mechanics.integrators.rows import (ContactModes, HeldJointRows,
+                                                      row_solution, StageRows, forces_of_held)
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
-                                                   optional_inputs, RobotMotion,
-                                                   state_layout, step_signature,
+from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
+from kane_dynamics.simulation.step_kernels import (deflection_input, state_layout, step_signature,
                                                    StepChoice, tau_from, time_input,
-                                                   traced_step, wrench_input)
+                                                   traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (friction_bounds,
                                                               of_all_joints)
 import numpy as np
@@ -49,7 +44,7 @@ PER_JOINT, PER_CONTACT = 6, 6  # numbers of the modes of a row
 
 
 class RowMode(IntEnum):
-    """How a row moves."""
+    """Mode of a row."""
 
     OFF = 0  # free: no friction, or no contact
     LOWER = 1  # held at the lower bound: at a stop, or touching without friction
@@ -95,6 +90,10 @@ class RowSet(NamedTuple):
     pairs : tuple of c ContactPair
     friction, restitution : (c,) arrays
         Of the contacts.
+    tree : bool
+        Whether joints rest exactly: a tree in joint rates.
+    feedback : float
+        Rate at which held rows lose the error of the integrator, 1/s.
 
     """
 
@@ -111,11 +110,8 @@ class RowSet(NamedTuple):
     pairs: tuple[ContactPair, ...]
     friction: Array
     restitution: Array
-
-    @property
-    def tree(self) -> bool:
-        """Return whether joints rest exactly: a tree in joint rates."""
-        return bool(self.robot.equations.in_joint_rates)
+    tree: bool
+    feedback: float
 
     @property
     def name(self) -> str:
@@ -154,11 +150,11 @@ class ModeInputs(NamedTuple):
         """Return the parts of an input, (5 k + 4 c,)."""
         joints, contacts = np.split(numbers, [PER_JOINT * len(rows.joints)])
         contacts = contacts.reshape(PER_CONTACT, -1)
-        return cls(*joints.reshape(PER_JOINT, -1), *contacts[:4],
-                   contacts[4:].T)
+        fields = [*joints.reshape(PER_JOINT, -1), *contacts[:4], contacts[4:].T]
+        return cls._make(fields)
 
 
-class Modes(NamedTuple):
+class ModeChoice(NamedTuple):
     """Modes of k joints and c contacts, and directions (c, 2) near those of their slip."""
 
     joints: tuple[RowMode, ...]
@@ -207,22 +203,55 @@ class Guards(NamedTuple):
     ends: Array
 
 
-class RowMotion(RobotMotion):
-    """A robot during one traced step in given modes of its rows."""
+class RowMotion(HeldMotion):
+    """
+    A robot during one traced step in given modes of its rows.
 
-    tree_terms = None  # held rows have stages of their own
+    Parameters
+    ----------
+    rows : RowSet
+    numbers : array
+        `ModeChoice.numbers`.
+    *arguments
+        Of `RobotMotion`.
+
+    """
+
+    dynamics_name = 'row_dynamics'
 
     def __init__(self, rows: RowSet, numbers: Vector, *arguments: Any) -> None:
         """Begin without stages."""
-        super().__init__(*arguments)
+        super().__init__(rows.joints, numbers, *arguments)
         self._rows = rows
-        self._numbers = numbers
+        self._velocities: Vector = np.zeros(0)  # of contacts, in the traced stage
         self.first: Any = None  # of the first stage: forces, bounds, velocities of contacts
+
+    def held(self, modes: Vector, q: Vector) -> Solver:
+        """Return the solver of a stage at q."""
+        def solution(system: LinearSystem, M: Matrix, force: Vector) -> Solution:
+            numbers = ModeInputs.of(self._rows, modes)
+            of_all, contacts = traced_rows(self._rows, q, system.v, numbers)
+            if contacts is not None:
+                self._velocities = contacts.velocities
+            return row_solution(system, M, force, of_all)
+        return solution
+
+    def directions(self, modes: Vector) -> Vector | None:
+        """Return the directions of sliding of all joints, (n_j,); None: smooth friction."""
+        if not self._rows.sticking:
+            return None
+        directions = ModeInputs.of(self._rows, modes).directions
+        return of_all_joints(self.equations, self._joints, directions)
+
+    def results(self, stage: HeldStage) -> list[Scalar]:
+        """Return forces of rows, bounds of friction, and velocities of contacts."""
+        bounds = bounds_of_joints(self._rows, stage.q, stage.tau, stage.t)
+        return [*stage.solution.f, *np.concatenate(bounds), *self._velocities]
 
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
         """Return the rates of a stage; what the guards need of the first one is stored."""
-        results = super().called(program, q, u, tau, time, self._numbers, *inputs)
+        results = super().called(program, q, u, tau, time, *inputs)
         k, c = len(self._rows.joints), len(self._rows.pairs)
         end = len(results) - (3 * k + 6 * c)
         if self.first is None:
@@ -230,74 +259,8 @@ class RowMotion(RobotMotion):
             self.first = np.split(np.array(results[end:]), parts)
         return results[:end]
 
-    @lazy_property
-    def _motion(self) -> Program:
-        return self._program(None)
 
-    @lazy_property
-    def _stage(self) -> Program:
-        return self._program(ImplicitStep(self.equations))
-
-    def _program(self, method: ImplicitStep | None) -> Program:
-        """Trace the dynamics of a stage: rates, forces of rows, their bounds, velocities."""
-        robot, rows = self.robot, self._rows
-        equations: Any = robot.equations
-        first_stage: list[tuple[str, Shape]] = []
-        if method is not None:
-            first_stage = first_stage_inputs(robot)
-
-        def dynamics(q: Vector, u: Vector, tau: Vector, numbers: Vector,
-                     *inputs: Any) -> list[Scalar]:
-            options = inputs[len(first_stage):]
-            wrench, t, parameters, deflections = optional_inputs(robot, options)
-            physical = parameters[:robot.parameters.physical]
-            if self._dual_to is not None:
-                tau = tau_from(equations, self._dual_to, q, tau, t)
-            modes = ModeInputs.of(rows, numbers)
-            directions = None
-            if rows.sticking:
-                directions = of_all_joints(equations, rows.joints, modes.directions)
-            velocities = np.zeros(0)
-
-            def held(system: LinearSystem, M: Matrix, force: Vector) -> Solution:
-                nonlocal velocities
-                of_all, contacts = traced_rows(rows, q, system.v, modes)
-                if contacts is not None:
-                    velocities = contacts.velocities
-                return row_solution(system, M, force, of_all)
-
-            if method is None:
-                system = linear_system(equations, q, u, tau, wrench, physical, t,
-                                       directions, deflections)
-                solution = held_solution(system, system.M, system.net, held)
-                rates: Any = []  # q' = u
-                if not equations.in_joint_rates:
-                    rates = coordinate_rates(robot.model, q, system.v)
-                bent: Any = []
-                if deflections is not None:
-                    bent = equations.deflection_rates(q, system.v, deflections, tau, t)
-            else:
-                *first, g = inputs[:len(first_stage)]
-                stage, solution = method.held_stage(
-                    held, q, u, tau, StageRates(*first), g[()], wrench, physical, t,
-                    directions=directions, deflections=deflections)
-                rates, _, bent = stage
-            results = [*rates, *solution.w, *bent, *solution.f,
-                       *np.concatenate(bounds_of_joints(rows, q, tau, t)), *velocities]
-            if self.watched:
-                results.append(equations.margin(q, t, parameters[-LIMITS:]))
-            return results
-        name = 'row_dynamics' if method is None else 'implicit_row_dynamics'
-        if self.watched:
-            name = f'watched_{name}'
-        return trace_program(name, dynamics, [
-            ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
-            ('modes', np.shape(self._numbers)), *first_stage, *wrench_input(robot),
-            *time_input(robot), *deflection_input(robot),
-            ('parameters', robot.parameters.block.shape)])
-
-
-def traced_rows(rows: RowSet, q: Vector, v: Vector, modes: ModeInputs) -> tuple[Rows, Any]:
+def traced_rows(rows: RowSet, q: Vector, v: Vector, modes: ModeInputs) -> tuple[StageRows, Any]:
     """Return the rows in their modes at a configuration and joint rates, and the contacts."""
     held = [x > 0.5 for x in modes.held]
     past = []
@@ -311,8 +274,8 @@ def traced_rows(rows: RowSet, q: Vector, v: Vector, modes: ModeInputs) -> tuple[
     of_contacts = ContactModes([x > 0.5 for x in modes.touching],
                                [x > 0.5 for x in modes.sticking], modes.begins,
                                rows.friction)
-    joints = JointRows(rows.joints, held, np.array(past))
-    return Rows(joints, contacts, of_contacts), contacts
+    joints = HeldJointRows(rows.joints, held, np.array(past))
+    return StageRows(joints, contacts, of_contacts, rows.feedback), contacts
 
 
 def bounds_of_joints(rows: RowSet, q: Vector, tau: Vector, t: Scalar
@@ -328,7 +291,7 @@ def row_kernel(rows: RowSet, choice: StepChoice) -> Kernel:
     """
     Return the kernel of a step: the state, `Guards`, and the power of contacts.
 
-    Its inputs are those of `step_kernel` and `Modes.numbers`.
+    Its inputs are those of `step_kernel` and `ModeChoice.numbers`.
     """
     robot = rows.robot
     choice = choice.needed(robot)
@@ -352,6 +315,8 @@ def _traced_step(rows: RowSet, choice: StepChoice, state: Vector, inputs: Matrix
         return motions[0]
     after = traced_step(rows.robot, choice, state, inputs, constants, motion)
     modes = ModeInputs.of(rows, numbers)
+    if rows.joints and not rows.tree:
+        after = _without_creep(rows, modes, after)
     f, least, largest, velocities = motions[0].first
     forces = _force_guards(rows, modes, f, least, largest)
 
@@ -379,6 +344,33 @@ def _traced_step(rows: RowSet, choice: StepChoice, state: Vector, inputs: Matrix
     return [*after, *forces, *ends, *of_distance, *of_slip, power]
 
 
+def _without_creep(rows: RowSet, modes: ModeInputs, after: Vector) -> Vector:
+    """
+    Return a state in which held joints of a loop rest, at their stops if these hold them.
+
+    What is taken out is of the order of the error of the step.
+    """
+    robot = rows.robot
+    equations: Any = robot.equations
+    layout = state_layout(robot)
+    times = time_input(robot)
+
+    def motion(q: Vector, *time: Any) -> Vector:
+        at_rest = equations.at_rest(q, time[0][()] if times else 0.0)
+        return np.concatenate([np.ravel(at_rest.T), at_rest.qdot])
+    program = trace_program('motion_of_joints', motion, [('q', (robot.n_q,)), *times])
+    q, u, time = after[layout.q], after[layout.u], after[layout.time]
+    T, X = np.split(np.array(call(program, q, *time)), [robot.model.n * robot.n])
+    T = T.reshape(robot.model.n, robot.n)
+    T_s = T[rows.joints]
+    of_rows, _ = traced_rows(rows._replace(pairs=()), q, T @ u + X, modes)
+    held = of_rows.joints.held
+    change = T @ (T_s.T @ forces_of_held(T_s @ T_s.T, held, of_rows.joints.past))
+    q = q - coordinate_rates(robot.model, q, change)
+    u = u - T_s.T @ forces_of_held(T_s @ T_s.T, held, T_s @ u + X[rows.joints])
+    return np.array([*q, *u, *after[layout.u.stop:]])
+
+
 def _force_guards(rows: RowSet, modes: ModeInputs, f: Vector, least: Vector,
                   largest: Vector) -> list[Scalar]:
     """Return the guards of the forces of held rows, (k + 2 c,); 1 of others."""
@@ -388,7 +380,7 @@ def _force_guards(rows: RowSet, modes: ModeInputs, f: Vector, least: Vector,
     for x in f:
         size = size + magnitude(x)
     rounding = ROUNDING * size
-    # A stop pushes only inward, and takes the place of one bound.
+    # A stop presses only inward, and takes the place of one bound.
     for held, side, x, low, high in zip(modes.held, modes.sides, f, least, largest):
         above = select(side > 0.5, 1.0, x - low + rounding)
         below = select(side < -0.5, 1.0, high - x + rounding)

@@ -15,8 +15,9 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, RowMode, Modes, Response,
+from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, RowMode, ModeChoice, Response,
                                                  response_kernel, responses, RowSet)
+from kane_dynamics.simulation.trajectory import ContactMode
 import numpy as np
 
 TOUCHING = 1e-9  # rad or m: distance of rows that touch
@@ -24,9 +25,12 @@ AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constrain
 SLOW = 1e-9  # m/s: speed of a contact at rest
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
 SHORT_FLIGHT = 1e-3  # of a step: a flight that is shorter is none
+FEEDBACK = 4.0  # characteristic rates of the mechanism: how fast held rows lose their errors
+CONTACT_MODES = {RowMode.OFF: ContactMode.OPEN, RowMode.STICKING: ContactMode.STICKING,
+                 RowMode.BOUND: ContactMode.STICKING, RowMode.SLIDING: ContactMode.SLIDING}
 
 
-class Impact(NamedTuple):
+class Impulses(NamedTuple):
     """
     The impulses of one instant.
 
@@ -57,7 +61,7 @@ class SampledRows(NamedTuple):
     contact_forces : (K, c, 3) array
         On the first link, N, in world axes.
     contact_modes : (K, c) array of int
-        `RowMode` of each contact.
+        `ContactMode` of each contact.
 
     """
 
@@ -90,10 +94,10 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
     joints = sorted(rubbing | stopped)
     places = np.array([model.places[joint] or 0 for joint in joints], dtype=int)
     has_stop = np.isin(joints, sorted(stopped))
-    tree = robot.equations.in_joint_rates
     slow = np.zeros(len(joints))
-    if not tree:
-        constraints = robot.mechanism.constraints
+    constraints = robot.mechanism.constraints
+    tree = robot.equations.in_joint_rates
+    if pairs or not tree:
         units = coordinate_units(model, constraints)[places]
         slow = AT_REST * rate_of(model, constraints) * units
     return RowSet(robot, sticking, dual_to, joints, places,
@@ -101,7 +105,8 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
                   np.where(has_stop, upper[places], np.inf),
                   np.isin(joints, sorted(rubbing)), np.isin(joints, sorted(dropping)),
                   slow, pairs, np.asarray(friction, dtype=float),
-                  np.asarray(restitution, dtype=float))
+                  np.asarray(restitution, dtype=float),
+                  tree, FEEDBACK * rate_of(model, constraints))
 
 
 class RowModes:
@@ -129,7 +134,7 @@ class RowModes:
         return responses(self.rows, self._kernel, state[None], tau[None], directions[None],
                          np.array([t]))[0]
 
-    def impact(self, state: Array, tau: Array, t: float) -> tuple[Array, Impact | None]:
+    def impact(self, state: Array, tau: Array, t: float) -> tuple[Array, Impulses | None]:
         """Return a state, (size,), after the impulses of rows that touch and approach."""
         rows = self.rows
         k, c = len(rows.joints), len(rows.pairs)
@@ -147,7 +152,7 @@ class RowModes:
         short = flight <= SHORT_FLIGHT * self._step * away
         restitution = np.where(short, 0.0, rows.restitution)
 
-        # Impulses of stops push inward, those of contacts outward, friction opposes slip.
+        # Impulses of stops press inward, those of contacts outward, friction opposes slip.
         m = len(now.v)
         lower, upper = np.zeros((2, m))
         lower[:k] = np.where(touching[:k] & (sides > 0.0), -np.inf, 0.0)
@@ -171,7 +176,7 @@ class RowModes:
         if rows.tree:
             pressed = [joint for joint, x in zip(rows.joints, p[:k]) if x]
             after[n_q + np.array(pressed, dtype=int)] = 0.0
-        return after, Impact(
+        return after, Impulses(
             {j: float(into[j]) for j in np.flatnonzero(hits[:k]).tolist()},
             {i: float(into[k + i]) for i in np.flatnonzero(hits[k:]).tolist()},
             p[k:].reshape(c, 3), float(-0.5 * p @ (now.v + v)),
@@ -185,7 +190,7 @@ class RowModes:
                         np.where(q <= self.rows.lower + near, -1.0, 0.0))
 
     def choose(self, state: Array, tau: Array, t: float,
-               breaks: Collection[int] = ()) -> tuple[Modes, Response, Array]:
+               breaks: Collection[int] = ()) -> tuple[ModeChoice, Response, Array]:
         """
         Return the modes from a state on, the response in them, and the forces of rows.
 
@@ -221,14 +226,14 @@ class RowModes:
                     if now.distances[i] <= TOUCHING and now.v[normal] <= max(SLOW, float(short[normal]))]
 
         for _ in range(2 * k + 2):
-            modes = Modes(tuple(joints), tuple(contacts), begins, now.distances)
+            modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances)
             now = self.response(state, tau, modes.directions(rows), t)
             f, begun = self._settled(now, sides, sorted(resting), touching, joints,
                                      contacts, begins, breaks)
             if not begun:
                 break
             resting -= begun
-        return Modes(tuple(joints), tuple(contacts), begins, now.distances), now, f
+        return ModeChoice(tuple(joints), tuple(contacts), begins, now.distances), now, f
 
     def _settled(self, now: Response, sides: Array, resting: list[int],
                  touching: list[int], joints: Any, contacts: Any, begins: Array,
@@ -262,7 +267,7 @@ class RowModes:
                 contacts[i] = RowMode.SLIDING
                 begins[i] = slip / speed
             else:
-                discs.append(Disc(normal, *both, rows.friction[i]))
+                discs.append(Disc(normal, normal + 1, normal + 2, rows.friction[i]))
                 tangents += both
         used = np.array([*resting, *(self._contacts[i] for i in touching), *tangents],
                         dtype=int)
@@ -318,7 +323,7 @@ class RowModes:
                     contacts[i] = RowMode.SLIDING if moves else RowMode.BOUND
                     begins[i] = -force / size
 
-    def at_rest(self, state: Array, modes: Modes, now: Response) -> Array:
+    def at_rest(self, state: Array, modes: ModeChoice, now: Response) -> Array:
         """Return a state in which held rows have no velocity, by impulses on them."""
         rows = self.rows
         k = len(rows.joints)
@@ -366,11 +371,11 @@ class RowModes:
             sticking[row, rows.joints] = sticks
             along = forces[k:].reshape(c, 3)
             contact_forces[row] = np.einsum('ci,cij->cj', along, now.bases)
-            contact_modes[row] = modes.contacts
+            contact_modes[row] = [CONTACT_MODES[mode] for mode in modes.contacts]
         return SampledRows(udot, stop_forces, sticking, friction, contact_forces,
                            contact_modes)
 
-    def acting(self, modes: Modes, now: Response, f: Array) -> Array:
+    def acting(self, modes: ModeChoice, now: Response, f: Array) -> Array:
         """Return the forces of all rows, with the friction of contacts that slide."""
         k = len(self.rows.joints)
         forces = f.copy()
@@ -388,7 +393,7 @@ class RowModes:
 
 
 def _solved(A: Array, b: Array, lower: Array, upper: Array, discs: list[Disc],
-            used: Array) -> Array:
+            used: Any) -> Array:
     """Return the solution of `with_discs` for some of the rows."""
     place = {row: number for number, row in enumerate(used.tolist())}
     among = [Disc(place[disc.normal], place[disc.first], place[disc.second], disc.friction)

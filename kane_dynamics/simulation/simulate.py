@@ -26,6 +26,7 @@ from kane_dynamics.control.computed_torque import joints_that_follow, law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
+from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -48,8 +49,7 @@ from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.stepping import Progress, run, Steps
-from kane_dynamics.simulation.sticking.friction_samples import (exact_friction,
-                                                                ExactFriction)
+from kane_dynamics.simulation.sticking.friction_samples import (exact_friction)
 from kane_dynamics.simulation.sticking.friction_state import friction_state
 from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
@@ -135,6 +135,13 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Initial deflections of the bristles, rad or m (`Trajectory.bristles`). Default:
         none.
 
+    contacts : sequence of Contact
+        Rigid contacts of points of the robot with surfaces, with friction and
+        restitution (`Trajectory.contact_forces`, `contact_modes`, `contact_events`). The
+        times at which they change are found to the order of the integrator; each takes
+        about a millisecond. Joint stops and joints that stick are then found in the same
+        way, within the steps.
+
     Returns
     -------
     Trajectory
@@ -147,7 +154,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Names the argument, the value and what is expected; also if the motion diverges
         (is not finite), with the time and the joint.
     ConstraintError
-        The motion comes to a kinematic singularity (a dead point); independent speeds
+        The forces of contacts are not determined (Painleve's paradox). The motion comes to
+        a kinematic singularity (a dead point); independent speeds
         that the user named become singular; constraints contradict each other; a loop's
         residual after one step is too large; or a user-defined function jumps or is not
         finite. Names the time, the constraint, and the configuration or the size of the
@@ -192,15 +200,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # Without friction and stops there are no joints that stick.
-    friction: Any = None
-    rows: RowSteps | None = None
-    touching = checked_contacts(robot, contacts)
-    contact_names = tuple(pair.name for pair in touching.pairs)
-    if contact_names or (_stepper == 'rows' and (stops or sticking)):
-        require_open(robot, touching, states[:, :robot.n_q])
-        rows = RowSteps(robot, step, start, stops, sticking, touching)
-        rows = friction = rows if rows.any_rows else None
-    elif sticking and friction_state(robot, stops).joints:
+    rows = _row_steps(robot, step, start, states, stops, sticking, contacts, _stepper)
+    friction: Any = rows
+    if rows is None and sticking and friction_state(robot, stops).joints:
         friction = exact_friction(robot, stops)
 
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
@@ -232,10 +234,12 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         arrays = {name: x[0] for name, x in arrays.items()}
     speed_changes = sorted(steps.changes, key=attrgetter('t'))
     stop_events: tuple[StopEvent, ...] = ()
+    contact_names: tuple[str, ...] = ()
     contact_events: tuple[ContactEvent, ...] = ()
     if steps.stops is not None:
         stop_events = steps.stops.events(single)
     if rows is not None:
+        contact_names = rows.contact_names
         contact_events = rows.events(single, ContactEvent)
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
@@ -246,6 +250,30 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       warnings=tuple(texts),
                       speed_changes=tuple(speed_changes), stop_events=stop_events, contact_names=contact_names,
                       contact_events=contact_events)
+
+
+def _row_steps(robot: Robot, step: float, start: float, states: Array, stops: bool,
+               sticking: bool, contacts: Any, stepper: str) -> RowSteps | None:
+    """
+    Return the steps of rows with modes; None without contacts, but for stepper 'rows'.
+
+    Raises
+    ------
+    InputError
+        A contact is not valid, or is inside its surface; a joint that sticks is
+        self-locking.
+
+    """
+    touching = checked_contacts(robot, contacts)
+    require_open(robot, touching, states[:, :robot.n_q])
+    if not touching.pairs and stepper != 'rows':
+        return None
+    for joint in robot.model.coordinate_joints:
+        if sticking and robot.friction and is_self_locking(joint):
+            raise InputError(f"sticking: joint '{joint.name}' is self-locking, with contacts; "
+                             'expected load_friction_backdriven below 1, or no contacts')
+    rows = RowSteps(robot, step, start, stops, sticking, touching)
+    return rows if rows.any_rows else None
 
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,

@@ -40,8 +40,6 @@ from kane_dynamics.simulation.step_kernels import (deflections_of, presliding_ra
                                                    state_layout, step_kernel, StepChoice,
                                                    tau_from, watches_stages)
 from kane_dynamics.simulation.stepping import Samples, Steps
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
-from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds

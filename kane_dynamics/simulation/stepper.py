@@ -3,7 +3,7 @@ The stepper: joints with stops and set-valued friction, and contacts, as rows wi
 
 Native steps in constant modes follow each other while all guards are positive. In the
 step where one is not, the first zero of the guards is found by the same kernel; rows that
-touch and approach get impulses, the modes are chosen anew, and the rest of the step
+touch and approach get impulses, new modes are chosen, and the rest of the step
 follows in the same way.
 """
 
@@ -15,11 +15,10 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
-from kane_dynamics.simulation.observers import Extremes
-from kane_dynamics.simulation.observers import Impact as Energy
-from kane_dynamics.simulation.row_kernel import (Guards, RowMode, Modes, row_kernel,
+from kane_dynamics.simulation.observers import Extremes, Impact
+from kane_dynamics.simulation.row_kernel import (Guards, RowMode, ModeChoice, row_kernel,
                                                  RowSet)
-from kane_dynamics.simulation.row_modes import (Impact, row_set, RowModes,
+from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes,
                                                  SampledRows, TOUCHING)
 from kane_dynamics.simulation.step_kernels import state_layout
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -39,8 +38,8 @@ class Contacts(NamedTuple):
     """The contacts of a simulation: c pairs, and their friction and restitution, (c,)."""
 
     pairs: tuple[ContactPair, ...] = ()
-    friction: Sequence[float] = ()
-    restitution: Sequence[float] = ()
+    friction: Any = ()
+    restitution: Any = ()
 
 
 class _Part(NamedTuple):
@@ -94,7 +93,12 @@ class RowSteps:
         self._hits: dict[int, list[tuple[int, StopEvent | ContactEvent]]] = {}
         self._events: list[StopEvent | ContactEvent] = []
         # The modes after a step of a simulation: step, source's speeds, modes.
-        self._known: dict[int, tuple[int, Array, Modes]] = {}
+        self._known: dict[int, tuple[int, Array, ModeChoice]] = {}
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Return the names of the contacts."""
+        return tuple(pair.name for pair in self._contacts.pairs)
 
     @property
     def any_rows(self) -> bool:
@@ -135,12 +139,12 @@ class RowSteps:
             return None
         return buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
 
-    def settle(self, done: int) -> list[Energy]:
+    def settle(self, done: int) -> list[Impact]:
         """Close what happened so far; return its energy in steps counted from `done`."""
         settled = []
         for i, losses in self._losses.items():
             for steps, loss, uncertain in losses:
-                settled.append(Energy(steps - done - 1, i, loss, uncertain))
+                settled.append(Impact(steps - done - 1, i, loss, uncertain))
         for hits in self._hits.values():
             self._events += [event for _, event in hits]
         self._losses.clear()
@@ -220,7 +224,7 @@ class RowSteps:
         arrays = (np.atleast_1d(x) for x in (np.asarray(steps) + 1, loss, uncertain))
         self._losses.setdefault(i, []).append(_Loss(*arrays))
 
-    def hit(self, i: int, step: int, t: float, impact: Impact, rows: RowModes,
+    def hit(self, i: int, step: int, t: float, impact: Impulses, rows: RowModes,
             state: Array) -> None:
         """Record the events of an impact."""
         events = self._hits.setdefault(i, [])
@@ -252,7 +256,7 @@ class _Path:
         self._place_of_step = 2 * robot.n if source.follows else 0
 
     def scanned(self, state: Array, step: int, count: int,
-                modes: Modes) -> tuple[Array, Guards, Array]:
+                modes: ModeChoice) -> tuple[Array, Guards, Array]:
         """Return the states after each of `count` steps, their guards and powers."""
         rows = np.empty((count + 1, *self._kernel.shape))
         size = len(state)
@@ -270,7 +274,7 @@ class _Path:
         return Guards(numbers[..., :end], numbers[..., end:])
 
     def part(self, state: Array, step: int, passed: float, length: float,
-             modes: Modes) -> _Part:
+             modes: ModeChoice) -> _Part:
         """Return a part of a step, from `passed` s after its beginning on."""
         constants = self._source.constants.copy()
         constants[self._place_of_step] = length
@@ -282,7 +286,7 @@ class _Path:
         return _Part(row[0, :size].copy(), self._guards(row[0, size:-1]), float(row[0, -1]))
 
     def _whole(self, state: Array, step: int, passed: float, length: float,
-               modes: Modes) -> tuple[_Part, Array]:
+               modes: ModeChoice) -> tuple[_Part, Array]:
         """Return a part of a step, and all its guards with those of the forces at its end."""
         part = self.part(state, step, passed, length, modes)
         guards = part.guards.ends
@@ -292,7 +296,7 @@ class _Path:
         return part, guards
 
     @staticmethod
-    def watches_end(modes: Modes) -> bool:
+    def watches_end(modes: ModeChoice) -> bool:
         """Return whether a row has a force that ends at a bound."""
         of_joints = any(mode in (RowMode.LOWER, RowMode.UPPER, RowMode.STICKING)
                         for mode in modes.joints)
@@ -307,7 +311,7 @@ class _Path:
                                self._step * np.abs(np.diff(power)))
 
     def begun(self, state: Array, step: int, passed: float,
-              breaks: Sequence[int] = ()) -> tuple[Array, Modes]:
+              breaks: Sequence[int] = ()) -> tuple[Array, ModeChoice]:
         """Return the state after impacts, and its modes, `passed` s after a step's begin."""
         tau = self._source.torque_within(state, step, passed)
         t = self._source.start + step * self._step + passed
@@ -318,7 +322,7 @@ class _Path:
         modes, now, _ = self._rows.choose(after, tau, t, breaks)
         return self._rows.at_rest(after, modes, now), modes
 
-    def through(self, state: Array, step: int, modes: Modes) -> tuple[Array, Modes]:
+    def through(self, state: Array, step: int, modes: ModeChoice) -> tuple[Array, ModeChoice]:
         """Return the state after a step with transitions, and the modes there."""
         passed = 0.0
         begin = state
@@ -356,7 +360,7 @@ class _Path:
         power = float(np.abs(terms[:, 2]).sum())
         self._steps.record(self._i, step, 0.0, 0.5 * self._step * power)
 
-    def _root(self, state: Array, step: int, passed: float, left: float, modes: Modes,
+    def _root(self, state: Array, step: int, passed: float, left: float, modes: ModeChoice,
               beyond: Array) -> tuple[float, _Part, Array]:
         """
         Return the first time at which a guard is not positive, just past it.

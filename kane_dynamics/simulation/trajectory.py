@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from functools import partial
 import os
 from typing import Any, NamedTuple
@@ -76,6 +77,14 @@ class StopEvent(NamedTuple):
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f"{which}at {self.t:.4g} s joint '{self.joint}' hits its {self.limit} "
                 f'stop: speed {self.speed:.4g}, {self.loss:.3g} J lost')
+
+
+class ContactMode(IntEnum):
+    """Motion of a contact: apart, without slip, or with slip."""
+
+    OPEN = 0
+    STICKING = 1
+    SLIDING = 2
 
 
 class ContactEvent(NamedTuple):
@@ -176,7 +185,7 @@ class Trajectory:
         Forces of the contacts of `contact_names` on the links of their frames, N, in
         world axes; not in CSV files.
     contact_modes : (K, c) or (N, K, c) array of int
-        How they move from each sample on, as `RowMode`; not in CSV files.
+        How they move from each sample on, as `ContactMode`; not in CSV files.
     contact_names : tuple of str
     contact_events : sequence of ContactEvent
         Impacts of contacts, in order of time.
@@ -501,7 +510,8 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
     # Rows with modes, set-valued friction and bristles decide the accelerations with the
     # stops.
     if rows is not None:
-        return quantities | rows.rows(robot).at_samples(states, tau, times)._asdict()
+        of_rows: dict[str, Array] = rows.rows(robot).at_samples(states, tau, times)._asdict()
+        return quantities | of_rows
     if sticking:
         friction = exact_friction(robot, stops)
         return quantities | friction.at_samples(states, tau, times)._asdict()

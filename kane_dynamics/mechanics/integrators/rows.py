@@ -20,11 +20,10 @@ from kane_dynamics.mechanics.contacts import ContactRows
 from kane_dynamics.mechanics.integrators.held_joints import LinearSystem, REGULAR, Solution
 import numpy as np
 
-FEEDBACK = 20.0  # 1/s: rate at which held rows lose the error of the integrator
 BEGUN = 1e-9  # m/s: slip in the direction in which a contact begins to slide
 
 
-class JointRows(NamedTuple):
+class HeldJointRows(NamedTuple):
     """
     Rows of k joints, by their places among the joint rates.
 
@@ -49,15 +48,16 @@ class ContactModes(NamedTuple):
     friction: Vector
 
 
-class Rows(NamedTuple):
+class StageRows(NamedTuple):
     """All rows of a robot in one stage of a step."""
 
-    joints: JointRows
+    joints: HeldJointRows
     contacts: ContactRows | None
     modes: ContactModes
+    feedback: float  # 1/s
 
 
-def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: Rows) -> Solution:
+def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: StageRows) -> Solution:
     """
     Return the solution of M w = force + T^T D^T f with the f that holds rows.
 
@@ -66,7 +66,6 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: Rows) -> 
     """
     joints, held, past = rows.joints
     n_j = len(system.v)
-    k = len(joints)
     T = np.eye(n_j) if system.T is None else system.T
     J, D, offsets, conditions = _contact_part(rows, system)
     masked = {}
@@ -77,7 +76,7 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: Rows) -> 
         unit = np.eye(n_j)[joints]
         J = np.concatenate([unit, J])
         D = np.concatenate([unit, D])
-        own = FEEDBACK * (2.0 * system.v[joints] + FEEDBACK * past)
+        own = rows.feedback * (2.0 * system.v[joints] + rows.feedback * past)
         offsets = np.concatenate([own, offsets])
         conditions = [*held, *conditions]
 
@@ -93,7 +92,7 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: Rows) -> 
             columns.append(solve(factors, system.order, np.array(of_unit)))
         w_of_unit = np.stack(columns, axis=1)
     free = J @ (T @ w_free + system.drift) + offsets
-    f = -_held_forces(J @ (T @ w_of_unit), conditions, free)
+    f = -forces_of_held(J @ (T @ w_of_unit), conditions, free)
     w = w_free + w_of_unit @ f
     generalized = (D @ T).T @ f
     if not masked:
@@ -108,7 +107,7 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: Rows) -> 
                     generalized + np.eye(n_j)[joints].T @ np.array(of_joints))
 
 
-def _contact_part(rows: Rows, system: LinearSystem
+def _contact_part(rows: StageRows, system: LinearSystem
                   ) -> tuple[Matrix, Matrix, Vector, list[Scalar]]:
     """Return J, D, the rates of J v without v', and the conditions of contacts."""
     contacts = rows.contacts
@@ -116,11 +115,11 @@ def _contact_part(rows: Rows, system: LinearSystem
         empty = np.zeros((0, len(system.v)))
         return empty, empty, np.zeros(0), []
     D = list(contacts.J)
-    offsets = list(contacts.drift + 2.0 * FEEDBACK * contacts.velocities)
+    offsets = list(contacts.drift + 2.0 * rows.feedback * contacts.velocities)
     conditions: list[Scalar] = []
     for i, (touching, sticking) in enumerate(zip(rows.modes.touching, rows.modes.sticking)):
         normal = 3 * i
-        offsets[normal] = offsets[normal] + FEEDBACK**2 * contacts.distances[i]
+        offsets[normal] = offsets[normal] + rows.feedback**2 * contacts.distances[i]
         # The direction of slip, also where the contact only begins to slide. Past the end
         # of the slip friction goes on smoothly: the guard of the slip ends the step there.
         begins = rows.modes.begins[i]
@@ -159,7 +158,7 @@ def _without(masked: dict[int, Scalar], i: int, x: Scalar) -> Scalar:
     return select(masked[i], 0.0, x) if i in masked else x
 
 
-def _held_forces(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector:
+def forces_of_held(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector:
     """Return f, (k,), with A f = motion for held rows, by the regular A and a refinement."""
     k = len(conditions)
     if not k:

@@ -230,7 +230,7 @@ class FrictionMotion(HeldMotion):
         self.first: Any = None
         self.driving: Vector = ()  # of the first stage, (k,)
 
-    def held(self, modes: Vector) -> Held:
+    def held(self, modes: Vector, q: Vector) -> Held:
         """Return the joints that may be held, and which of them stick (direction 0)."""
         if not self._holds:
             return Held([], [])

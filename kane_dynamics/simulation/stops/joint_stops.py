@@ -36,7 +36,7 @@ GROWTH = 4  # ratio of the lengths of successive pieces without contact
 BENT = 1e-6  # uncertain part of the energy that a joint gains on its way into a stop
 
 
-class Contact(NamedTuple):
+class StopContact(NamedTuple):
     """The contacts at the end of one step of a simulation."""
 
     hits: dict[int, tuple[str, float]]  # joints that did not rest there: stop, and speed into it
@@ -63,7 +63,7 @@ def require_stops(robot: Robot, q: Array) -> None:
 
     """
     lower, upper = robot.limits.lower, robot.limits.upper
-    constrained = not robot.equations.in_joint_rates
+    constrained = bool(_constraints(robot))
     for name, low, high in zip(robot.coordinate_names, lower, upper):
         # A loop may hold a joint at one position, but a free joint needs a range.
         if not (low < high or (low == high and constrained)):
@@ -104,7 +104,7 @@ class JointStops:
         self._constrained = not robot.equations.in_joint_rates
         self._units = coordinate_units(robot.model, _constraints(robot))
         self._slack = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
-        self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
+        self._contacts: dict[int, dict[int, StopContact]] = {}  # by simulation, then steps done
         self._pressures: dict[int, list[_Pressure]] = {}  # by simulation
         self._events: list[StopEvent] = []
 
@@ -372,7 +372,7 @@ class JointStops:
         if one is not None and self._constrained:
             energies[:, 1] -= work_through_constraints(robot, np.stack([begin, end]),
                                                        one.force, self._step)
-        self._contacts.setdefault(i, {})[step] = Contact(hits, *energies[0].tolist())
+        self._contacts.setdefault(i, {})[step] = StopContact(hits, *energies[0].tolist())
 
 
 def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: Array,
@@ -380,7 +380,7 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
     """
     Return loss, balance and uncertainty of the contacts at the end of K steps, (K, 3).
 
-    See `Contact`.
+    See `StopContact`.
 
     Parameters
     ----------

@@ -215,7 +215,7 @@ class _PressedMotion(HeldMotion):
         super().__init__(joints, sides, robot, *arguments)
         self.stages: list[_StageForces] = []
 
-    def held(self, modes: Vector) -> Held:
+    def held(self, modes: Vector, q: Vector) -> Held:
         """Return the joints that press against a stop."""
         return Held(self._joints, [side * side > 0.5 for side in modes])
 
