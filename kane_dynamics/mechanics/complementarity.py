@@ -31,7 +31,6 @@ LENGTHS = 1.0, 0.5, 0.2, 0.05, 0.01  # of a step of Newton's method
 SETTLED = 1e-14  # residual of the projections, relative to the largest force
 
 
-
 class Disc(NamedTuple):
     """Rows of the normal and of both tangents of a contact, and its friction mu."""
 

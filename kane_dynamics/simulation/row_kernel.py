@@ -22,16 +22,18 @@ from kane_dynamics.mechanics.contacts import contact_rows, ContactPair
 from kane_dynamics.mechanics.friction import AT_BOUND
 from kane_dynamics.mechanics.integrators.held_joints import (linear_system, LinearSystem,
                                                              Solution, Solver)
-from kane_dynamics.mechanics.integrators.rows import (ContactModes, HeldJointRows,
-                                                      row_solution, StageRows, forces_of_held)
+from kane_dynamics.mechanics.integrators.rows import (ContactModes, forces_of_held,
+                                                      HeldJointRows, row_solution,
+                                                      StageRows)
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
-from kane_dynamics.simulation.step_kernels import (deflection_input, state_layout, step_signature,
-                                                   StepChoice, tau_from, time_input,
-                                                   traced_step)
+from kane_dynamics.simulation.step_kernels import (deflection_input, state_layout,
+                                                   step_signature, StepChoice,
+                                                   tau_from,
+                                                   time_input, traced_step)
 from kane_dynamics.simulation.sticking.friction_state import (friction_bounds,
                                                               of_all_joints)
 import numpy as np
@@ -260,7 +262,8 @@ class RowMotion(HeldMotion):
         return results[:end]
 
 
-def traced_rows(rows: RowSet, q: Vector, v: Vector, modes: ModeInputs) -> tuple[StageRows, Any]:
+def traced_rows(rows: RowSet, q: Vector, v: Vector,
+                modes: ModeInputs) -> tuple[StageRows, Any]:
     """Return the rows in their modes at a configuration and joint rates, and the contacts."""
     held = [x > 0.5 for x in modes.held]
     past = []
@@ -502,7 +505,8 @@ def response_kernel(rows: RowSet) -> Kernel:
     size = sum(int(np.prod(shape)) for shape in Response.shapes(rows))
     tau_size = robot.n if rows.dual_to is None else len(rows.dual_to)
     return robot.compiled(response, name=f'row_response_{rows.name}', q=(robot.n_q,),
-                          u=(robot.n,), tau=(tau_size,), directions=(k,), **dict(deflection_input(robot)),
+                          u=(robot.n,), tau=(tau_size,), directions=(k,),
+                          **dict(deflection_input(robot)),
                           shape=(size,))
 
 

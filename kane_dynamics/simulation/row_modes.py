@@ -15,8 +15,9 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, RowMode, ModeChoice, Response,
-                                                 response_kernel, responses, RowSet)
+from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, ModeChoice, Response,
+                                                 response_kernel, responses, RowMode,
+                                                 RowSet)
 from kane_dynamics.simulation.trajectory import ContactMode
 import numpy as np
 
@@ -222,8 +223,9 @@ class RowModes:
         resting = {j for j in range(k) if not moving[j] and (rows.rubs[j] or sides[j])}
         contacts = np.full(c, RowMode.OFF, dtype=object)
         begins = np.zeros((c, 2))
-        touching = [i for i, normal in enumerate(self._contacts)
-                    if now.distances[i] <= TOUCHING and now.v[normal] <= max(SLOW, float(short[normal]))]
+        slow_normal = np.maximum(SLOW, short[self._contacts])
+        rests = (now.distances <= TOUCHING) & (now.v[self._contacts] <= slow_normal)
+        touching = np.flatnonzero(rests).tolist()
 
         for _ in range(2 * k + 2):
             modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances)

@@ -248,7 +248,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       bristle_names=robot.equations.tree.bristle_names,
                       constraint_names=robot.equations.mechanism.labels,
                       warnings=tuple(texts),
-                      speed_changes=tuple(speed_changes), stop_events=stop_events, contact_names=contact_names,
+                      speed_changes=tuple(speed_changes), stop_events=stop_events,
+                      contact_names=contact_names,
                       contact_events=contact_events)
 
 

@@ -16,10 +16,10 @@ from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.row_kernel import (Guards, RowMode, ModeChoice, row_kernel,
+from kane_dynamics.simulation.row_kernel import (Guards, ModeChoice, row_kernel, RowMode,
                                                  RowSet)
-from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes,
-                                                 SampledRows, TOUCHING)
+from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes, SampledRows,
+                                                TOUCHING)
 from kane_dynamics.simulation.step_kernels import state_layout
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent

@@ -108,8 +108,7 @@ def test_a_sphere_slips_and_then_rolls(integrator):
 @pytest.mark.parametrize(('surface', 'axes'), [
     (SphereSurface((0, 0, 0), 1.0), [0, 1, 2]),
     (CylinderSurface((0, 0, 0), (0, 1, 0), 1.0), [0, 2])])
-def test_a_point_leaves_a_smooth_sphere_or_cylinder_where_the_normal_force_ends(surface,
-                                                                               axes):
+def test_a_point_leaves_a_smooth_sphere_or_cylinder_where_its_force_ends(surface, axes):
     begin = 0.2
     run = simulate(point('xyz'), [np.sin(begin), 0, np.cos(begin)], [0, 0, 0], 1.2,
                    sample=1e-3, contacts=[Contact('tip', surface)])
