@@ -13,9 +13,12 @@ from kane_dynamics.mechanics.friction import AHEAD, DESIRED_SPEED
 from kane_dynamics.model.model import Model
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
+import numpy as np
 
 PACKAGE = 'kane_dynamics'
 BEFORE_XML = '\ufeff \t\r\n'
+NEAR = 0.1  # rad or m: no locked joint is farther from 0 by noise and offsets
+LITTLE = 0.01
 MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thousand
 
 
@@ -71,11 +74,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     supplement = None
     if values['supplement']:
         supplement = resolve_path('supplement', values['supplement'])
-    if values['xacro_arguments']:
-        if not isinstance(source, Path):
-            raise InputError("parameter 'xacro_arguments': given with a URDF as text; "
-                             "expected them with the path of a xacro file in 'urdf'")
-        source = expand_xacro(source, arguments_of(values['xacro_arguments']))
+    source = _expanded(source, values)
     joints = list(values['joints']) or None  # None: all
     # Warnings of the model go to the node's log.
     with warnings.catch_warnings(record=True) as caught:
@@ -88,6 +87,48 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     if not model.n:
         raise InputError(f"robot '{model.name}': no joint that moves; expected at least one")
     return model.prefixed(values['prefix']) if values['prefix'] else model
+
+
+def _expanded(source: str | Path, values: Mapping[str, Any]) -> str | Path:
+    """Return the URDF of a xacro file with arguments, and other sources as they are."""
+    if not values['xacro_arguments']:
+        return source
+    if not isinstance(source, Path):
+        raise InputError("parameter 'xacro_arguments': given with a URDF as text; "
+                         "expected them with the path of a xacro file in 'urdf'")
+    return expand_xacro(source, arguments_of(values['xacro_arguments']))
+
+
+def locked_joints(source: str | Path, values: Mapping[str, Any],
+                  model: Model) -> dict[str, float]:
+    """
+    Return the joints of the URDF that the model has locked at 0, by their names.
+
+    Each has the largest position, rad or m, at which it may be instead: the weight that
+    it carries then changes the torques by at most `LITTLE` of the weakest motor.
+    """
+    if not (values['joints'] or values['base'] or values['tip']):
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        whole = load_urdf(_expanded(source, values))
+    lengths = np.array([np.linalg.norm(body.joint.translation)
+                        + np.linalg.norm(body.inertial.com) for body in whole.bodies])
+    weights = np.array([9.81 * body.inertial.mass for body in whole.bodies])
+    efforts = [body.joint.limits.effort for body in model.bodies]
+    weakest = min([*efforts, float(weights.sum() * lengths.sum())])
+    allowed = {}
+    for k, body in enumerate(whole.bodies):
+        name = whole.coordinate_names[body.joint.coordinate]
+        prefixed = f"{values['prefix']}{name}"
+        if prefixed in model.coordinate_names or body.joint.name != name:
+            continue
+        carried = [i for i in range(len(whole.bodies)) if k in whole.path(i)]
+        # A slide moves what it carries, a rotation by the length of that.
+        arm = 1.0 if name in whole.sliding else float(lengths[carried].sum())
+        change = float(weights[carried].sum()) * arm
+        allowed[prefixed] = max(NEAR, LITTLE * weakest / max(change, 1e-12))
+    return allowed
 
 
 def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:

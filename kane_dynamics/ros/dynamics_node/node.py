@@ -14,7 +14,8 @@ from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
-from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
+from kane_dynamics.ros.common.configuration_files import (load_model, locked_joints,
+                                                            resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -392,6 +393,7 @@ class DynamicsNode(LifecycleNode):
         with reported_to(log.info):
             self.arm = ConfiguredRobot(self, self.server, model, self.values,
                                        self.statistics, self._warn)
+        self.arm.path.require_locked(locked_joints(source, self.values, model))
         if self.values['bond']:
             self._open_bond()
         realtime.exclude_existing_objects()

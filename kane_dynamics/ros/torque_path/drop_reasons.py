@@ -9,6 +9,7 @@ from kane_dynamics.ros.common.stamped_numbers import FUTURE, NOT_FINITE, OUT_OF_
 FOREIGN = 'other joints only'
 MISSING, TWICE, SHORT, NO_VELOCITY = (
     'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity')
+ELSEWHERE = 'locked joint elsewhere'
 STALE, NO_CLOCK = 'stale (older than state_timeout)', 'no message on /clock'
 OUTSIDE, TOO_FAST, JUMP = (
     'position beyond its limits', 'velocity beyond its limit', 'position jumped')

@@ -1,6 +1,6 @@
 """Read serialized joint states into arrays in the order of the node's joints."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import NamedTuple
 
@@ -9,8 +9,8 @@ from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT
                                           TooShortError, write_joint_state)
 from kane_dynamics.ros.common.conversion import Array, Index, joint_places, NANO
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
-from kane_dynamics.ros.torque_path.drop_reasons import (FOREIGN, MISSING, NO_VELOCITY,
-                                                        SHORT, TWICE)
+from kane_dynamics.ros.torque_path.drop_reasons import (ELSEWHERE, FOREIGN, MISSING,
+                                                        NO_VELOCITY, SHORT, TWICE)
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -144,6 +144,9 @@ class JointStateReader:
         Whether the latest state has velocities; else `u` is zero.
     need_effort : bool
         Whether efforts are read; initially False.
+    locked : mapping of str to float
+        Joints that the model has locked at 0, and the largest position at which each may
+        be, rad or m, in the first message of a layout; initially empty.
     judged : bool
         Whether the caller refuses states that are not finite (`StateCheck`); initially
         False.
@@ -166,6 +169,7 @@ class JointStateReader:
         self.need_effort = False
         self.has_velocity = False
         self.judged = False
+        self.locked: Mapping[str, float] = {}
         # Joints of messages that were warned of already.
         self.foreign_joints: set[tuple[str, ...]] = set()
         self.partial_joints: set[tuple[str, ...]] = set()
@@ -254,6 +258,8 @@ class JointStateReader:
             return index
         others = self._other_joints(message.name)
         fault = self._gather(message, index, others, need_velocity)
+        if fault is None and self._is_elsewhere(message):
+            return ELSEWHERE
         if fault in (None, NOT_FINITE) and layout is not None:
             layout.select(index, others)
             self._cache_layout(data, layout)
@@ -299,6 +305,15 @@ class JointStateReader:
             self._gather_effort(np.frombuffer(message.effort) if complete else None,
                                 index if self._actuated is None else others.efforts)
         return self._finite()
+
+    def _is_elsewhere(self, message: JointState) -> bool:
+        """Return whether a locked joint is where the model does not describe the arm."""
+        for name, position in zip(message.name, message.position, strict=True):
+            if abs(position) > self.locked.get(name, math.inf):
+                self.detail = (f'{name} at {position:.3g}, which the model has at 0; '
+                               'expected it there, or among `joints`')
+                return True
+        return False
 
     def _gather_effort(self, efforts: Array | None, index: Index | None) -> None:
         """Gather efforts; a driver may omit them or send NaN."""

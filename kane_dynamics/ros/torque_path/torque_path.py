@@ -301,6 +301,10 @@ class TorquePath:
             return self.loops.u.copy()
         return self._memory.accepted[len(self._reader.joints):].copy()
 
+    def require_locked(self, locked: Mapping[str, float]) -> None:
+        """Drop states in which joints that are locked at 0 are farther from it than stated."""
+        self._reader.locked = locked
+
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
         foreign = self._reader.foreign_joints

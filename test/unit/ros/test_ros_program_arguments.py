@@ -69,6 +69,22 @@ def test_parameters_of_another_node_are_refused():
           'info', '--log-file-name', 'left')
 
 
+def test_a_parameter_given_twice_is_refused(tmp_path):
+    words = refusal('--ros-args', '-p', 'arm_compensates:=none', '-p',
+                    'kane_dynamics:arm_compensates:=[gravity]')
+    assert "parameter 'arm_compensates' given twice; expected it once" in words
+    path = tmp_path / 'arm.yaml'
+    path.write_text('/**: {ros__parameters: {mode: x, mode: y}}\n')
+    assert 'given more than once: mode' in refusal('--ros-args', '--params-file',
+                                                   str(path))
+
+
+def test_numbers_of_a_parameter_file_are_those_that_ros_reads(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text('/**: {ros__parameters: {gains: {kp: 1e2, kd: [2.5e1, -.5E-1]}}}\n')
+    assert parameter_blocks(path)['/**'] == {'gains.kp': 100.0, 'gains.kd': [25.0, -0.05]}
+
+
 @pytest.mark.parametrize(('block', 'remappings', 'good'), [
     ('kane_dynamics', (), True), ('/**', (), True), ('/*', (), True),
     ('dynamics_node', (), False),
@@ -199,6 +215,7 @@ def test_closed_standard_streams_are_no_sockets_of_the_node(tmp_path):
     code = f"""
 import os, sys
 sys.path[:0] = {[str(path) for path in sys.path]!r}
+from kane_dynamics.ros.common.parameter_files import parameter_blocks
 from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
 def run(arguments):
     with open({str(tmp_path / 'result')!r}, 'w') as file:

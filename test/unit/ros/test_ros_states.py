@@ -5,8 +5,12 @@ import math
 import struct
 from types import SimpleNamespace
 
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.ros.common.configuration_files import locked_joints
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
-from kane_dynamics.ros.torque_path.drop_reasons import MISSING, NO_VELOCITY, SHORT, TWICE
+from kane_dynamics.ros.torque_path.drop_reasons import (ELSEWHERE, MISSING, NO_VELOCITY,
+                                                            SHORT, TWICE)
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
                                                               MAX_LAYOUTS)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -53,6 +57,35 @@ def test_an_invalid_state_gives_its_reason_and_the_next_is_read(reason, detail, 
     assert reader.read(serialize_message(message), True) == reason
     assert detail in reader.detail
     assert reader.read(wire('abc', [1, 2, 3], [1, 2, 3]), True) is None
+
+
+def test_a_state_with_a_locked_joint_elsewhere_is_dropped():
+    reader = JointStateReader(JOINTS)
+    reader.locked = {'lift': 0.1}
+    names = ('lift', *JOINTS)
+    assert reader.read(wire(names, [0.8, 1, 2, 3], [0, 1, 2, 3]), True) == ELSEWHERE
+    assert 'lift at 0.8, which the model has at 0; expected it there' in reader.detail
+    assert reader.read(wire(names, [0.05, 1, 2, 3], [0, 1, 2, 3]), True) is None
+
+
+@pytest.mark.parametrize(('arm', 'joints', 'locked'), [
+    ('two_link.urdf', ['joint2'], {'joint1'}),
+    ('fr3.urdf', [f'fr3_joint{k}' for k in range(1, 8)], {'fr3_finger_joint1'})])
+def test_locked_joints_may_be_where_they_change_the_torques_little(arm, joints, locked):
+    path = resource_path('urdf', arm)
+    model = load_urdf(path, joints=joints)
+    values = {'joints': joints, 'base': '', 'tip': '', 'prefix': '',
+              'xacro_arguments': []}
+    allowed = locked_joints(path, values, model)
+    assert set(allowed) == locked
+    at_zero = Robot(model)
+    q = at_zero.random_configuration(np.random.default_rng(0), 20)
+    weakest = at_zero.limits.effort.min()
+    for name, position in allowed.items():
+        moved = Robot(load_urdf(path, joints=joints, locked={name: min(position, 0.04)}))
+        change = np.abs(moved.gravity_force(q) - at_zero.gravity_force(q)).max()
+        assert change < 0.02 * weakest
+    assert locked_joints(path, {**values, 'joints': []}, load_urdf(path)) == {}
 
 
 def test_a_missing_velocity_is_zero_if_it_is_not_needed():
