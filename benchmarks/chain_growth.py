@@ -16,8 +16,8 @@ import warnings
 
 from big_robots import chain
 from gates import exit_status
+from interleaved_timing import interleaved
 from kane_dynamics import Robot
-from kane_dynamics.cli.commands.interleaved_timing import interleaved
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.machine_code import llvm
 import matplotlib

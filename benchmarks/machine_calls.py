@@ -4,7 +4,7 @@ from functools import partial
 import sys
 from typing import Any
 
-from kane_dynamics.cli.commands.interleaved_timing import interleaved
+from interleaved_timing import interleaved
 from machines import ACCURACY, closed_loops, FREE_FLYER, Machine, PRISMATIC
 from native_loop import Race
 import numpy as np

@@ -13,7 +13,7 @@ from pathlib import Path
 import sys
 import weakref
 
-from kane_dynamics.cli.commands.interleaved_timing import interleaved
+from interleaved_timing import interleaved
 from machines import ACCURACY, closed_loops, free_arm, Machine
 from native_loop import kernel_loop, Race, STATES
 import numpy as np

@@ -8,9 +8,9 @@ import sys
 import warnings
 
 from big_robots import BIG, chain
+from interleaved_timing import interleaved, Timing
 from kane_dynamics import load_urdf, Model, Robot
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loops import repeat
 import numpy as np

@@ -7,13 +7,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from timeit import Timer
 from typing import Any
 import warnings
 
+from interleaved_timing import interleaved, Timing
 from kane_dynamics import load_urdf, Robot, simulate
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.cli.commands.bench_command import call_timings, peer_of
-from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics.cli.commands.inspect_command import pinocchio_model
+from kane_dynamics.errors import InputError
 import numpy as np
 import pinocchio as pin
 
@@ -54,6 +56,79 @@ print(json.dumps(times))
 """
 
 
+# Statements that are timed: ours and Pinocchio's.
+CALLS = {
+    'inverse dynamics (rnea)': ('robot.inverse_dynamics(q, u, x)',
+                                'pin.rnea(peer, data, q, u, x)'),
+    'forward dynamics (aba)': ('robot.forward_dynamics(q, u, x)',
+                               'pin.aba(peer, data, q, u, x)'),
+    'mass matrix (crba)': ('robot.mass_matrix(q)', 'pin.crba(peer, data, q)'),
+    'bound inverse dynamics (rnea)': ('bound.inverse_dynamics()',
+                                      'pin.rnea(peer, data, q, u, x)'),
+    'the same, without attribute access': ('bound_inverse_dynamics()',
+                                           'rnea(peer, data, q, u, x)'),
+}
+
+
+def peer_of(source: str | bytes, robot: Robot) -> Any:
+    """
+    Return Pinocchio's model of the same arm, with every other joint locked at 0.
+
+    Raises
+    ------
+    InputError
+        If Pinocchio is not installed, or its model has other coordinates or torques.
+
+    """
+    full = pinocchio_model(source, robot.model)
+    names = robot.joint_names
+    # Pinocchio has all joints of the URDF; those that the robot lacks are locked.
+    locked = [full.getJointId(name) for name in full.names[1:] if name not in names]
+    peer = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
+    if tuple(peer.names[1:]) != names or peer.nq != robot.n:
+        raise InputError(f'Pinocchio: coordinates {", ".join(peer.names[1:])}; expected '
+                         f'{", ".join(names)}')
+    # Times are compared only if both compute the same torque.
+    q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
+    ours = Robot(robot.model, friction=False).inverse_dynamics(q, u, udot)
+    theirs = pin.rnea(peer, peer.createData(), q, u, udot)
+    if np.abs(ours - theirs).max() > 1e-9 * max(np.abs(ours).max(), 1.0):
+        raise InputError('Pinocchio: other torques; expected a model without armature, '
+                         'springs and mimic joints, which Pinocchio does not read from '
+                         'a URDF')
+    return peer
+
+
+def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
+    """Time `CALLS` on one arm in turns; the contenders are 'ours' and 'theirs'."""
+    q, u, x = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
+    bound: Any = robot.bind()
+    bound.q[:] = q
+    bound.u[:] = u
+    bound.udot[:] = x
+    # The statements are timed with these names as their globals.
+    names: dict[str, Any] = {'robot': robot, 'bound': bound, 'q': q, 'u': u, 'x': x,
+                             'bound_inverse_dynamics': bound.inverse_dynamics}
+    if peer is not None:
+        names |= {'pin': pin, 'rnea': pin.rnea, 'peer': peer,
+                  'data': peer.createData()}
+    # Some calls share a statement, which is timed once.
+    statements = set()
+    for ours, theirs in CALLS.values():
+        statements.add(ours)
+        if peer is not None:
+            statements.add(theirs)
+    timing = interleaved({statement: Timer(statement, globals=names)
+                          for statement in sorted(statements)})
+    timings = {}
+    for what, (ours, theirs) in CALLS.items():
+        seconds = {'ours': timing.seconds[ours]}
+        if peer is not None:
+            seconds['theirs'] = timing.seconds[theirs]
+        timings[what] = Timing(seconds)
+    return timings
+
+
 def arm(path: Path) -> Robot:
     """Return the robot of a file without its gripper's joints."""
     names = load_urdf(path).joint_names
@@ -62,7 +137,7 @@ def arm(path: Path) -> Robot:
 
 
 def calls(path: Path) -> dict[str, Timing]:
-    """Time the calls of `kane-dynamics bench` on one arm, 'ours' and 'theirs'."""
+    """Time `CALLS` on one arm, 'ours' and 'theirs'."""
     robot = arm(path)
     return call_timings(robot, peer_of(str(path), robot))
 

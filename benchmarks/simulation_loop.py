@@ -10,7 +10,7 @@ import warnings
 
 from kane_dynamics import Robot, simulate
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.cli.commands.interleaved_timing import interleaved
+from interleaved_timing import interleaved
 from kane_dynamics.model.model import Model
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 import mujoco

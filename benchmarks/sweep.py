@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
-from kane_dynamics.cli.commands.interleaved_timing import Timing
+from interleaved_timing import Timing
 from kane_dynamics.native.runtime.threads import thread_count
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 from native_loop import Race, shipped_arm

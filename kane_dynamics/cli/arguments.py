@@ -1,6 +1,6 @@
 """Arguments of the subcommands; modules that only one of them needs are imported for it."""
 
-from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable
 import math
 from typing import Any
@@ -86,86 +86,6 @@ def _inspect(sub: ArgumentParser) -> None:
                      'body that carries each, and its pose there')
     sub.add_argument('--operations', action='store_true',
                      help='also print the operation count of each compiled function')
-
-
-def _jacobian(sub: ArgumentParser) -> None:
-    _add_model(sub)
-    _add_constraints(sub)
-    sub.add_argument('frame', metavar='FRAME',
-                     help='a frame, such as a link of the URDF')
-    sub.add_argument('--q', nargs='+', metavar='X',
-                     help=f'positions, rad or m (default: {WITHIN})')
-    sub.add_argument('--axes', choices=('world', 'frame'), default='world',
-                     help='axes of the rows; default: world')
-
-
-def _inverse_kinematics(sub: ArgumentParser) -> None:
-    _add_model(sub)
-    _add_constraints(sub)
-    sub.add_argument('frame', metavar='FRAME',
-                     help='a frame, such as a link of the URDF')
-    sub.add_argument('--position', nargs=3, type=float, required=True,
-                     metavar=('X', 'Y', 'Z'),
-                     help='origin of the frame in the world, m')
-    turn = sub.add_mutually_exclusive_group()
-    turn.add_argument('--rpy', nargs=3, type=float, metavar=('R', 'P', 'Y'),
-                      help='orientation: roll, pitch, yaw about fixed axes, rad')
-    turn.add_argument('--quaternion', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'W'),
-                      help='orientation as a quaternion')
-    sub.add_argument('--q0', nargs='+', metavar='X',
-                     help=f'positions to start from (default: {WITHIN})')
-
-
-def _cartesian(sub: ArgumentParser) -> None:
-    _add_model(sub)
-    _add_constraints(sub)
-    sub.add_argument('frame', metavar='FRAME',
-                     help='a frame, such as a link of the URDF')
-    sub.add_argument('--q', nargs='+', metavar='X',
-                     help=f'positions at the start, rad or m (default: {WITHIN})')
-    # Both append to one list, so that their order on the command line counts.
-    for option, text in (
-            ('to', 'next position, m, or pose: position, roll, pitch, yaw, rad'),
-            ('via', 'position on an arc to the next --to, m')):
-        sub.add_argument(f'--{option}', nargs='+', type=float, metavar='X', dest='stations',
-                         action=_Station, help=f'{text}; may be repeated')
-    sub.add_argument('--free', action='store_true',
-                     help='leave the orientation free: positions alone')
-    sub.add_argument('--blend', type=float, default=0.0, metavar='X',
-                     help='largest distance from a corner that is rounded, m; default: 0, '
-                          'a rest at each corner')
-    sub.add_argument('--blend-angle', type=float, default=0.05, metavar='X',
-                     help='largest angle there, rad; default: %(default)g')
-    # Limits of the frame's motion: speed, acceleration and jerk.
-    for name, default, unit in (('linear', (0.25, 1.0, 10.0), 'm'),
-                                ('angular', (1.0, 4.0, 40.0), 'rad')):
-        stated = ' '.join(f'{value:g}' for value in default)
-        sub.add_argument(f'--{name}', nargs=3, type=float, default=list(default),
-                         metavar=('V', 'A', 'J'),
-                         help=f'{name} speed, acceleration and jerk of the frame, {unit}/s, '
-                              f'{unit}/s^2, {unit}/s^3; default: {stated}')
-    sub.add_argument('--duration', type=float, metavar='X',
-                     help='instead of --linear and --angular, s')
-    sub.add_argument('--tolerance', type=float, default=1e-5, metavar='X',
-                     help='largest distance from the path, m and rad; default: '
-                          '%(default)g')
-    sub.add_argument('--rate', type=float, default=100.0, metavar='X',
-                     help='rows per second; default: %(default)g')
-    sub.add_argument('-o', '--out', metavar='CSV', help='write the motion')
-
-
-class _Station(Action):
-    """Collects --to and --via in the order in which they are stated."""
-
-    def __call__(self, parser: ArgumentParser, namespace: Namespace, values: Any,
-                 option_string: str | None = None) -> None:
-        """Append an option and its numbers."""
-        stations = list(getattr(namespace, self.dest) or [])
-        setattr(namespace, self.dest, [*stations, [option_string, *values]])
-
-
-def _bench(sub: ArgumentParser) -> None:
-    _add_model(sub)
 
 
 def _export(sub: ArgumentParser) -> None:
@@ -310,33 +230,29 @@ def _excite(sub: ArgumentParser) -> None:
 
 
 def _replay(sub: ArgumentParser) -> None:
+    from kane_dynamics.identification.model_watch import FALSE_ALARMS
     _add_model(sub)
     _add_recording(sub)
     _add_efforts(sub)
+    sub.add_argument('--reference', metavar='RECORDING',
+                     help='recording of the sound arm with the same payload, best of the '
+                          'same motion: name what has changed since')
+    sub.add_argument('--false-alarms', type=float, default=FALSE_ALARMS, metavar='SHARE',
+                     help='with --reference: share of sound recordings with an alarm, at '
+                          'most; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')
 
 
-def _watch(sub: ArgumentParser) -> None:
-    from kane_dynamics.identification.model_watch import FALSE_ALARMS
-    _add_model(sub)
-    _add_recording(sub)
-    sub.add_argument('--reference', metavar='RECORDING', required=True,
-                     help='recording of the sound arm with the same payload, best of the '
-                          'same motion')
-    sub.add_argument('--false-alarms', type=float, default=FALSE_ALARMS, metavar='SHARE',
-                     help='share of sound recordings with an alarm, at most; default: '
-                          '%(default)g')
-    _add_efforts(sub)
-
-
-def _collision_thresholds(sub: ArgumentParser) -> None:
+def _calibrate(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.collision_calibration import DRIFT, MARGIN
     _add_model(sub)
     _add_constraints(sub)
     sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS '
                      '2 bag, of motion without contact; unfiltered')
+    sub.add_argument('--collision', action='store_true', required=True,
+                     help='thresholds of collision detection')
     sub.add_argument('--topic',
                      help='topic of joint states in a bag (default: the only one)')
     _add_efforts(sub)
@@ -572,17 +488,12 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'simulate': _simulate,
     'sweep': _sweep,
     'inspect': _inspect,
-    'jacobian': _jacobian,
-    'inverse-kinematics': _inverse_kinematics,
-    'cartesian': _cartesian,
-    'bench': _bench,
     'export': _export,
     'equations': _equations,
     'identify': _identify,
     'excite': _excite,
     'replay': _replay,
-    'watch': _watch,
-    'collision-thresholds': _collision_thresholds,
+    'calibrate': _calibrate,
     'feasible': _feasible,
     'fill': _fill,
     'doctor': _doctor,

@@ -57,39 +57,6 @@ examples:
   kane-dynamics inspect arm.urdf --operations
 
 Exits with 1 if the torques differ from those of Pinocchio.""",
-    'jacobian': """
-examples:
-  kane-dynamics jacobian arm.urdf tool0 --q 0.1 -0.5 1.2
-  kane-dynamics jacobian arm.urdf tool0 --q 0.1 -0.5 1.2 --axes frame --json
-
-The rows are linear, at the frame's origin, then angular; in world axes, or in the
-frame's.""",
-    'inverse-kinematics': """
-examples:
-  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0.1 0.3
-  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0.1 0.3 --rpy 3.14159 0 0
-  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0 0.3 --quaternion 1 0 0 0 --json
-
-Without --rpy and --quaternion any orientation will do. A solution near --q0 is
-preferred. Exits with 1 if no configuration within the limits reaches the target.""",
-    'cartesian': """
-examples:
-  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --to 0.6 0.2 0.5 -o line.csv
-  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --to 0.6 0 0.5 \\
-      --to 0.6 0.3 0.5 3.14 0 0 --blend 0.02 --linear 0.5 2 20 --angular 2 8 80 -o corner.csv
-  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --via 0.7 0.1 0.5 \\
-      --to 0.6 0.2 0.5 --duration 3
-
---to with three numbers keeps the orientation of the pose before; six are X Y Z and
-roll, pitch, yaw. --via before --to makes an arc. The file is a motion for `torque`,
-`send`, `fill`, `view` and `feasible --time-optimal`. A joint that cannot follow is
-an error that names the place.""",
-    'bench': """
-examples:
-  kane-dynamics bench arm.urdf
-  kane-dynamics bench arm.urdf --tip tool0 --json
-
-If Pinocchio is installed (pip install pin), its calls are timed in turn with ours.""",
     'export': """
 examples:
   kane-dynamics export arm.urdf -o arm.c
@@ -124,11 +91,11 @@ The first half is fitted; the second half is held out. --out arm.urdf also write
 arm.supplement.yaml: load both. With --payload the arm and its friction are known,
 and --out is the supplement with the payload; with --constraints the recording is of
 the actuated joints.""",
-    'collision-thresholds': """
+    'calibrate': """
 examples:
-  kane-dynamics collision-thresholds arm.urdf free.csv
-  kane-dynamics collision-thresholds arm.urdf free.mcap --tip tool0 --out thresholds.yaml
-  kane-dynamics collision-thresholds press.urdf run.csv --constraints press.yaml --json
+  kane-dynamics calibrate arm.urdf free.csv --collision
+  kane-dynamics calibrate arm.urdf free.mcap --collision --tip tool0 --out thresholds.yaml
+  kane-dynamics calibrate press.urdf run.csv --collision --constraints press.yaml --json
 
 The recording is as for identify, of half a minute or more: the task at its speeds
 with its payload and no contact. Friction beyond that of the model is fitted;
@@ -152,19 +119,13 @@ examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png
   kane-dynamics replay arm.urdf bag_folder --topic /joint_states --cutoff 10
   kane-dynamics replay arm.urdf run.mcap --supplement identified.supplement.yaml --json
+  kane-dynamics replay arm.urdf today.csv --reference sound.csv
 
 A recording is a file as for identify, or a ROS 2 bag (MCAP or SQLite) of joint
 states with efforts. ROS is not needed. Missing accelerations are derived from q;
-filter them with --cutoff.""",
-    'watch': """
-examples:
-  kane-dynamics watch arm.urdf today.csv --reference sound.csv
-  kane-dynamics watch arm.urdf today.mcap --reference sound.mcap --supplement arm.yaml --json
-
-Compares the torques of a recording with those of the model, and their difference
-with that of a recording of the sound arm. Names payload, friction, an offset, a
-torque constant or a delay that has changed, with its joint, and exits with 1. Small
-changes show only in the same motion.""",
+filter them with --cutoff. With --reference, a payload, friction, an offset, a torque
+constant or a delay that differs from that of the sound arm is named with its joint,
+and the exit code is 1. Small changes show only in the same motion.""",
     'view': """
 examples:
   kane-dynamics view arm.urdf

@@ -16,6 +16,7 @@ NEEDS: Needs = {
     'identify': {'unbounded': ('friction_only',), 'ratio': ('drives',),
                  'skew': ('drives',), 'segments': ('drives',),
                  'constraints': ('payload', 'drives')},
+    'replay': {'false_alarms': ('reference',)},
     'excite': {'loads': ('friction',)},
     'feasible': {'acceleration': ('time_optimal',), 'jerk': ('time_optimal',),
                  'torque_rate': ('time_optimal',), 'payload_com': ('payload_frame',)},
@@ -46,7 +47,7 @@ EXCLUDED: Needs = {
 # Endings of the names of results; a name without an ending has the only one.
 CSV = {'out': ('.csv',)}
 ENDINGS: Needs = {
-    'torque': CSV, 'feasible': CSV, 'excite': CSV, 'replay': CSV, 'cartesian': CSV,
+    'torque': CSV, 'feasible': CSV, 'excite': CSV, 'replay': CSV,
     'simulate': {'out': ('.npz', '.csv')}, 'view': {'export': ('.html',)}}
 INPUTS = ('urdf', 'recording', 'reference', 'motion', 'torque', 'supplement',
           'constraints', 'config', 'sweep')

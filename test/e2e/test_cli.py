@@ -287,25 +287,6 @@ def test_inspect_exits_1_when_the_peer_differs(urdf, monkeypatch, capsys):
     assert 'DIFFERS' in capsys.readouterr().out
 
 
-def test_bench_times_our_calls_and_the_peers_in_turns(urdf):
-    pytest.importorskip('pinocchio')
-    done = process('bench', urdf, '--json')
-    assert (done.returncode, done.stderr) == (0, '')
-    figures = json.loads(done.stdout)
-    assert (figures['joint_names'], figures['no_peer']) == (['lift', 'reach'], None)
-    for what, row in figures['calls'].items():
-        assert 0.0 < row['ns'] < 1e6, what
-        assert (row['ratio'] is None) == (row['pinocchio_ns'] is None), what
-        assert row['ratio'] is None or row['ratio'] > 0.0, what
-    assert sum(row['ratio'] is not None for row in figures['calls'].values()) == 5
-
-
-def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
-    pytest.importorskip('pinocchio')
-    (tmp_path / 'arm.urdf').write_text(MIMIC)
-    assert 'other' in answer('bench', str(tmp_path / 'arm.urdf'))['no_peer']
-
-
 def test_names_that_look_like_numbers_are_names(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / '2025_11').write_text(

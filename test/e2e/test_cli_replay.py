@@ -165,3 +165,44 @@ def test_speeds_are_derived_from_the_positions_on_request(tmp_path, recording):
         assert named == (not option)
         errors[option] = max(data['rms_error'])
     assert errors['--derive-speeds',] < 0.2 * errors[()]
+
+
+def written(path, recording, **changes):
+    """Write a recording, with changed entries, as npz; return its path."""
+    changed = replace(recording, **changes)
+    np.savez(path, t=changed.t, q=changed.q, u=changed.u, udot=changed.udot,
+             tau=changed.tau)
+    return str(path)
+
+
+def test_what_has_changed_since_a_reference_is_named(tmp_path, recording):
+    sound = written(tmp_path / 'sound.npz', recording)
+    again = simulated(load_urdf(URDF), 3, 0.01, duration=5.0)
+    offset = written(tmp_path / 'today.npz', again, tau=again.tau + [0.0, 0.5])
+    done = command('replay', str(URDF), offset, '--reference', sound, '--json')
+    data = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert [(alarm['joint'], alarm['cause']) for alarm in data['alarms']] == [
+        ('joint2', 'offset')]
+    assert data['alarms'][0]['size'] == pytest.approx(0.5, abs=0.02)
+    done = command('replay', str(URDF), sound, '--reference', sound)
+    assert done.returncode == 0
+    assert 'describes the recording as it describes the reference' in done.stdout
+
+
+def test_what_cannot_be_compared_with_a_reference_is_refused(tmp_path, recording):
+    sound = written(tmp_path / 'sound.npz', recording)
+    other = written(tmp_path / 'mNm.npz', recording, tau=1e3 * recording.tau)
+    done = command('replay', str(URDF), sound, '--reference', other)
+    assert done.returncode == 2
+    assert '--reference: recording: efforts of all joints' in done.stderr
+    assert 'mN m?' in done.stderr
+    # At rest nothing shows friction or the rotor, and one pose no mass.
+    still = np.zeros_like(recording.q)
+    q = np.tile(recording.q[0], (len(recording), 1))
+    weight = Robot(load_urdf(URDF)).gravity_force(q)
+    resting = written(tmp_path / 'rest.npz', recording, q=q, u=still, udot=still,
+                      tau=weight)
+    done = command('replay', str(URDF), resting, '--reference', sound)
+    assert done.returncode == 2
+    assert 'recording: all joints rest; expected a motion' in done.stderr

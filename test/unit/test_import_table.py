@@ -105,7 +105,7 @@ DOORS = {
     'llvmlite': ('native/machine_code/llvm.py',),
     'matplotlib': ('plot',),
     'mujoco': ('demo', 'mjcf.py'),
-    'pinocchio': ('cli/commands/bench_command.py', 'cli/commands/inspect_command.py'),
+    'pinocchio': ('cli/commands/inspect_command.py',),
     'pyarrow': ('sweep',),
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', '_util/progress.py'),

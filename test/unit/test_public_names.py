@@ -17,8 +17,7 @@ FORMULATIONS = {'forward_dynamics', 'frame_motion', 'frame_pose',
                 'generalized_inertia_force', 'inverse_dynamics',
                 'inverse_dynamics_derivatives', 'kinetic_energy', 'mass_matrix',
                 'partial_velocities', 'position', 'potential_energy', 'regressor'}
-OPERATIONS = {'evaluate', 'factorize', 'rms', 'skew', 'transpose'}
-COMMANDS = {'inverse', 'jacobian', 'main'}  # a command names its function
+OPERATIONS = {'evaluate', 'factorize', 'inverse', 'main', 'rms', 'skew', 'transpose'}
 SETTINGS = {'per_joint', 'stated_efforts'}  # of arguments, options and parameters
 LAWS = {'law_kernel', 'wall_slopes'}
 
@@ -111,4 +110,4 @@ def test_functions_of_one_name_mean_the_same():
             if isinstance(node, ast.FunctionDef) and not node.name.startswith('_'):
                 modules_by_name.setdefault(node.name, []).append(path)
     repeated = {name for name, modules in modules_by_name.items() if len(modules) > 1}
-    assert repeated == FORMULATIONS | OPERATIONS | COMMANDS | SETTINGS | LAWS
+    assert repeated == FORMULATIONS | OPERATIONS | SETTINGS | LAWS

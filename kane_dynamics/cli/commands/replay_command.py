@@ -1,4 +1,4 @@
-"""The command `replay`: computed and measured torques of a recording."""
+"""The command `replay`: measured and computed torques, and what of the arm has changed."""
 
 from argparse import Namespace
 import math
@@ -10,16 +10,19 @@ from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table
 from kane_dynamics.cli.robot_options import load_robot, warn_degrees
 from kane_dynamics.cli.tables import write_states
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.model_watch import ModelWatch
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import Recording, STANDSTILL
 from kane_dynamics.identification.recordings.torque_delay import torque_delays
 from kane_dynamics.identification.regression import rms
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-def replay(options: Namespace) -> None:
-    """Compare the measured torques of a recording with those of the equations of motion."""
+def replay(options: Namespace) -> int:
+    """Compare measured torques with computed ones; return 1 if the arm has changed."""
     plot = pictures.plotter(options)  # errors early
     model, robot = load_robot(options)
     efforts = stated_efforts(options)
@@ -27,6 +30,8 @@ def replay(options: Namespace) -> None:
     recording = efforts.applied(robot, recorded(options, model))
     warn_degrees(robot, recording.q, options.recording)
     data = compared(robot, recording, gravity_added=not efforts.gravity)
+    if options.reference:
+        data |= _changes(options, model, recording)
     if options.out:
         states = {'q': recording.q, 'u': recording.u, 'udot': recording.udot,
                   'tau': data['computed']}
@@ -42,6 +47,30 @@ def replay(options: Namespace) -> None:
         print_json(data)
     else:
         _print_comparison(data)
+    return 1 if data.get('alarms') else 0
+
+
+def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str, Any]:
+    """Return what has changed since a reference, and the joints that cannot be judged."""
+    # The reference is read by the same options as the recording, and has to be sound.
+    stated = Namespace(**{**vars(options), 'recording': options.reference})
+    efforts = stated_efforts(options)
+    reference = efforts.applied(Robot(model), recorded(stated, model))
+    try:
+        refuse_faulty(model, reference, gravity_added=not efforts.gravity)
+    except InputError as error:
+        raise InputError(f'--reference: {error}') from None
+    # Friction at rest is unknown, so that only joints in motion show anything.
+    moving = np.abs(recording.u).max(axis=0) > STANDSTILL
+    if not moving.any():
+        raise InputError('recording: all joints rest; expected a motion to compare with that '
+                         'of --reference')
+    report = ModelWatch(model, reference,
+                        false_alarms=options.false_alarms).report(recording)
+    alarms = [{**alarm._asdict(), 'words': str(alarm)} for alarm in report.alarms]
+    return {'reference_rms': report.reference, 'alarms': alarms,
+            'not_judged': np.array(model.joint_names)[~moving].tolist(),
+            'false_alarms': options.false_alarms}
 
 
 def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
@@ -87,7 +116,24 @@ def _print_comparison(data: dict[str, Any]) -> None:
     print(f'\ndelay of the torques after the motion: {_delay_in_words(data)}')
     for remark in data['remarks']:
         print(f'\nremark: {remark}')
+    if 'alarms' in data:
+        _print_changes(data)
     print_files(data['files'])
+
+
+def _print_changes(data: dict[str, Any]) -> None:
+    """Print what of the arm has changed since the reference."""
+    print('\nRMS of measured minus computed torque, N m or N')
+    print_table(['joint', 'recording', 'reference'],
+                zip(data['joint_names'], data['rms_error'], data['reference_rms'],
+                    strict=True))
+    for alarm in data['alarms']:
+        print(alarm['words'])
+    if not data['alarms']:
+        print('the model describes the recording as it describes the reference')
+    if data['not_judged']:
+        print(f'cannot be judged, at rest: {", ".join(data["not_judged"])}')
+    print(f'at most {100.0 * data["false_alarms"]:g} % of sound recordings have an alarm')
 
 
 def _delay_in_words(data: dict[str, Any]) -> str:

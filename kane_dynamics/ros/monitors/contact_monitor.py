@@ -25,7 +25,7 @@ DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by 
 OBSERVED_BENDING = ('quasi-static deflection at the measured state, not of acceleration '
                     'and contact')
 UNCALIBRATED = ('observer.threshold: empty, so ~/collision stays silent; expected '
-                'thresholds, as of `kane-dynamics collision-thresholds` for a recording '
+                'thresholds, as of `kane-dynamics calibrate --collision` for a recording '
                 'without contact')
 
 

@@ -411,12 +411,12 @@ SPECS = (
          'bandwidth of the estimate, 1/s; it reaches 63 % of '
          'a step after 1/gain', positive=True, low=0.0, high=1e4),
     live('observer.threshold', 'per_joint', [], 'external torque above which there is a '
-         'collision, N m or N, as of `kane-dynamics collision-thresholds` for a '
+         'collision, N m or N, as of `kane-dynamics calibrate --collision` for a '
          'recording without contact; empty: no collision is detected', positive=True,
          infinite=True, low=0.0),
     live('observer.friction.coulomb', 'per_joint', [],
          'Coulomb friction beyond that of the '
-         'model, N m or N, as of `kane-dynamics collision-thresholds`; empty: 0'),
+         'model, N m or N, as of `kane-dynamics calibrate --collision`; empty: 0'),
     live('observer.friction.damping', 'per_joint', [],
          'damping beyond that of the model, N m s '
          'or N s/m; empty: 0'),

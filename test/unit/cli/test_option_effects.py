@@ -9,7 +9,7 @@ import shutil
 from command_in_process import command
 from kane_dynamics import load_urdf
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.cli.parser import parsers
+from kane_dynamics.cli.parser import COMMANDS, parsers
 import numpy as np
 import pytest
 from recordings import simulated
@@ -28,6 +28,7 @@ points:
 - {time_from_start: 0.0, positions: [0.0]}
 - {time_from_start: 1.0, positions: [1.0]}
 """
+CALIBRATE = 'calibrate arm.urdf r.csv --collision'
 # A call of each command, which needs no robot and no node.
 CALLS = {
     'torque': 'torque arm.urdf --motion m.csv',
@@ -38,6 +39,7 @@ CALLS = {
     'replay': 'replay arm.urdf r.csv', 'feasible': FEASIBLE,
     'fill': 'fill arm.urdf --motion m.csv', 'doctor': 'doctor arm.urdf',
     'view': 'view arm.urdf --motion m.csv --export v.html',
+    'calibrate': CALIBRATE,
 }
 # Options that several commands have, with a value; the arm on which they have an effect.
 SHARED = {
@@ -82,6 +84,14 @@ OWN = [
     (IDENTIFY, '--standstill 0.5'), (IDENTIFY, '--weight 1'),
     (IDENTIFY, '--base-parameters'), (IDENTIFY, '--payload tip'), (IDENTIFY, '--drives'),
     (IDENTIFY, '--out better.urdf'),
+    ('replay arm.urdf r.csv', '--reference r.csv'),
+    ('replay arm.urdf r.csv --reference r.csv', '--false-alarms 0.05'),
+    ('calibrate arm.urdf r.csv', '--collision'), (CALIBRATE, '--gain 20'),
+    (CALIBRATE, '--margin 2'),
+    ('calibrate rubbing.urdf r.csv --collision', '--drift 0.3'),
+    (CALIBRATE, '--commands'),
+    (CALIBRATE, '--uncertain mass=0.1'), (CALIBRATE, '--out t.yaml'),
+    (f'{CALIBRATE} {CURRENT} 2 2', '--torque-constants 1'),
     (EXCITE, '--duration 5'), (EXCITE, '--periods 2'), (EXCITE, '--harmonics 3'),
     (EXCITE, '--share 0.5'), (EXCITE, '--seed 1'), (EXCITE, '--starts 2'),
     (EXCITE, '--rate 50'), (EXCITE, '--velocity 1'), (EXCITE, '--acceleration 1'),
@@ -112,6 +122,7 @@ ELSEWHERE = {
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},
     'view': {'--host', '--port', '--no-open'}}
+IN_GRAPH = ('send', 'demo')
 
 
 @cache
@@ -187,7 +198,7 @@ def test_an_option_changes_the_result_or_is_refused(call, option):
     assert result(f'{call} {option}') != result(call)
 
 
-@pytest.mark.parametrize('name', sorted(CALLS))
+@pytest.mark.parametrize('name', sorted({*COMMANDS} - {*IN_GRAPH}))
 def test_every_option_is_tried(name):
     tried = set(ELSEWHERE.get(name, ())) | {'--help'}
     for call, option in cases():

@@ -82,7 +82,8 @@ def test_a_parameter_given_twice_is_refused(tmp_path):
 def test_numbers_of_a_parameter_file_are_those_that_ros_reads(tmp_path):
     path = tmp_path / 'arm.yaml'
     path.write_text('/**: {ros__parameters: {gains: {kp: 1e2, kd: [2.5e1, -.5E-1]}}}\n')
-    assert parameter_blocks(path)['/**'] == {'gains.kp': 100.0, 'gains.kd': [25.0, -0.05]}
+    parameters = parameter_blocks(path)['/**']
+    assert parameters == {'gains.kp': 100.0, 'gains.kd': [25.0, -0.05]}
 
 
 @pytest.mark.parametrize(('block', 'remappings', 'good'), [

@@ -423,7 +423,7 @@ def test_without_thresholds_no_flag_is_published_and_the_log_says_what_is_expect
         rig.state(gravity() - 20.0, after=0.01)
     assert rig.outputs.torques.sent
     assert not rig.outputs.collision.sent
-    assert 'collision-thresholds' in ' '.join(rig.log.lines)
+    assert 'calibrate --collision' in ' '.join(rig.log.lines)
     assert rig.contact.figures()['collision'].startswith(
         'not detected: observer.threshold: empty')
     rig.contact.update(rig.values | {'observer.threshold': np.array(1.0)})

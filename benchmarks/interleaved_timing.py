@@ -36,7 +36,7 @@ Clock = Callable[[], float]
 def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS,
                 clock: Clock = time.perf_counter) -> Timing:
     """
-    Time contenders alternately in shuffled order, each for about `TURN_SECONDS` per turn.
+    Time contenders alternately in shuffled order, each for about `TURN_SECONDS` a turn.
 
     `clock` returns s; `time.process_time` excludes other processes, for single-threaded
     contenders whose small difference matters.

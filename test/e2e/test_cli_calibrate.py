@@ -1,4 +1,4 @@
-"""Promises of `kane-dynamics collision-thresholds`."""
+"""Promises of `kane-dynamics calibrate`."""
 
 import json
 
@@ -12,6 +12,7 @@ from recordings import exciting
 import yaml
 
 URDF = str(resource_path('urdf', 'two_link.urdf'))
+CALIBRATE = ['calibrate', URDF, '--collision']
 LACKING = np.array([0.3, -0.2])  # N m, of Coulomb friction
 
 
@@ -33,7 +34,7 @@ def recording(tmp_path):
 def test_the_parameter_file_has_thresholds_and_friction_by_names_of_the_node(
         recording, tmp_path, capsys):
     out = tmp_path / 'thresholds.yaml'
-    assert main(['collision-thresholds', URDF, recording, '--out', str(out)]) == 0
+    assert main([*CALIBRATE, recording, '--out', str(out)]) == 0
     printed = capsys.readouterr()
     assert not printed.err
     assert f'wrote {out}' in printed.out
@@ -45,6 +46,7 @@ def test_the_parameter_file_has_thresholds_and_friction_by_names_of_the_node(
     flat |= {f'observer.friction.{name}': value
              for name, value in observer['friction'].items()}
     assert set(flat) <= set(BY_NAME)
+    assert flat['observer.enabled'] is True  # the file alone detects collisions
     np.testing.assert_allclose(flat['observer.friction.coulomb'], LACKING, atol=0.02)
     assert flat['observer.friction.speed'] == pytest.approx([0.05, 0.05], rel=0.4)
     # Without the fitted friction the first threshold would be above 1.4 times 0.3 N m.
@@ -52,7 +54,7 @@ def test_the_parameter_file_has_thresholds_and_friction_by_names_of_the_node(
 
 
 def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, capsys):
-    assert main(['collision-thresholds', URDF, recording, '--json', '--drift', '0']) == 0
+    assert main([*CALIBRATE, recording, '--json', '--drift', '0']) == 0
     data = json.loads(capsys.readouterr().out)
     assert data['held_out_alarms'] == 0
     assert data['joint_names'] == ['joint1', 'joint2']
@@ -65,11 +67,6 @@ def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, ca
 def test_uncertain_parameters_raise_the_thresholds(recording, capsys):
     thresholds = []
     for uncertain in ([], ['--uncertain', 'mass=0.1', 'offset=0.05']):
-        assert main(['collision-thresholds', URDF, recording, '--json', *uncertain]) == 0
+        assert main([*CALIBRATE, recording, '--json', *uncertain]) == 0
         thresholds.append(json.loads(capsys.readouterr().out)['threshold'])
     assert (np.subtract(thresholds[1], thresholds[0]) > 0.05).all()
-
-
-def test_an_invalid_margin_is_named_as_an_option(recording, capsys):
-    assert main(['collision-thresholds', URDF, recording, '--margin', '1']) == 2
-    assert 'margin: 1.0; expected a number of at least 1.25' in capsys.readouterr().err

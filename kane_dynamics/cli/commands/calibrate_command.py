@@ -1,4 +1,4 @@
-"""The command `collision-thresholds`: collision detection calibrated to a recording."""
+"""The command `calibrate`: collision detection calibrated to a recording."""
 
 from argparse import Namespace
 from typing import Any
@@ -17,7 +17,7 @@ DIGITS = 4  # significant digits of the node's parameters
 CURVES = ('coulomb', 'damping', 'offset')
 
 
-def collision_thresholds(options: Namespace) -> None:
+def calibrate(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
     model, robot = load_robot(options)
     states = recorded(options, model, recorded_joints(robot))
@@ -59,8 +59,8 @@ def node_parameters(calibration: CollisionCalibration) -> dict[str, Any]:
     for name in CURVES:
         friction[name] = _rounded(getattr(calibration, name))
     friction['speed'] = _rounded(calibration.friction_speed)
-    return {'gain': calibration.gain, 'threshold': _rounded(calibration.threshold),
-            'friction': friction}
+    return {'enabled': True, 'gain': calibration.gain,
+            'threshold': _rounded(calibration.threshold), 'friction': friction}
 
 
 def remarks(calibration: CollisionCalibration) -> list[str]:
