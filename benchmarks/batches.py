@@ -19,8 +19,8 @@ import sys
 from unittest.mock import patch
 import warnings
 
-from kane_dynamics import Robot
 from interleaved_timing import interleaved, Timing
+from kane_dynamics import Robot
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from native_loop import ARMS, Race, race, random_states, TOLERANCE
 import numpy as np

@@ -8,10 +8,10 @@ from pathlib import Path
 import sys
 import time
 
+from interleaved_timing import interleaved, Timing, TURNS
 from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink,
                            knife_edge, LoopTracker, Model, ModelBuilder, momenta,
                            point_mass, PointVelocity, Robot, rod, Rolling, simulate)
-from interleaved_timing import interleaved, Timing, TURNS
 from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names

@@ -8,9 +8,9 @@ import sys
 from unittest.mock import patch
 import warnings
 
+from interleaved_timing import interleaved
 from kane_dynamics import Robot, simulate
 from kane_dynamics._util.resources import resource_path
-from interleaved_timing import interleaved
 from kane_dynamics.model.model import Model
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 import mujoco

@@ -15,7 +15,7 @@ from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.configuration_files import (load_model, locked_joints,
-                                                           resolve_path)
+                                                          resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors

@@ -88,7 +88,7 @@ OWN = [
     ('replay arm.urdf r.csv --reference r.csv', '--false-alarms 0.05'),
     ('calibrate arm.urdf r.csv', '--collision'), (CALIBRATE, '--gain 20'),
     (CALIBRATE, '--margin 2'),
-    ('calibrate rubbing.urdf r.csv --collision', '--drift 0.3'),
+    ('calibrate rubbing.urdf rubbing.csv --collision', '--drift 0.3'),
     (CALIBRATE, '--commands'),
     (CALIBRATE, '--uncertain mass=0.1'), (CALIBRATE, '--out t.yaml'),
     (f'{CALIBRATE} {CURRENT} 2 2', '--torque-constants 1'),
@@ -164,14 +164,15 @@ def folder(tmp_path_factory):
         'sweep.yaml': 'urdf: arm.urdf\nsamples: 2\nstep: 0.01\nduration: 0.1\n'}
     for name, text in files.items():
         Path(name).write_text(text)
-    model = load_urdf(TWO_LINK)
-    recording = simulated(model, 1, 0.01)
-    names = [f'{x}.{joint}' for x in ('q', 'u', 'tau') for joint in model.joint_names]
-    for name, sign in (('r.csv', 1.0), ('reversed.csv', -1.0)):
+    for name, urdf, sign in (('r', 'arm.urdf', 1.0), ('reversed', 'arm.urdf', -1.0),
+                             ('rubbing', 'rubbing.urdf', 1.0)):
+        model = load_urdf(urdf)
+        recording = simulated(model, 1, 0.01)
+        names = [f'{x}.joint{k}' for x in ('q', 'u', 'tau') for k in (1, 2)]
         table = np.column_stack([recording.t, recording.q, recording.u,
                                  sign * recording.tau])
-        header = ','.join(['t', *names])
-        np.savetxt(name, table, delimiter=',', header=header, comments='')
+        np.savetxt(f'{name}.csv', table, delimiter=',', header=','.join(['t', *names]),
+                   comments='')
     yield
     os.chdir(former)
 

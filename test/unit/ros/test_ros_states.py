@@ -9,8 +9,8 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.ros.common.configuration_files import locked_joints
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
-from kane_dynamics.ros.torque_path.drop_reasons import (ELSEWHERE, MISSING, NO_VELOCITY,
-                                                           SHORT, TWICE)
+from kane_dynamics.ros.torque_path.drop_reasons import (
+    ELSEWHERE, MISSING, NO_VELOCITY, SHORT, TWICE)
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
                                                               MAX_LAYOUTS)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
