@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair, gap
@@ -24,7 +23,6 @@ Numbers = Sequence[float]
 PENETRATION = 1e-9  # m: rounding of an initial configuration
 
 
-@fixed
 @dataclass(frozen=True)
 class PlaneSurface:
     """
@@ -48,7 +46,6 @@ class PlaneSurface:
     radius = 0.0
 
 
-@fixed
 @dataclass(frozen=True)
 class SphereSurface:
     """
@@ -77,7 +74,6 @@ class SphereSurface:
         return self.center
 
 
-@fixed
 @dataclass(frozen=True)
 class CylinderSurface:
     """
@@ -111,7 +107,6 @@ class CylinderSurface:
 Surface = PlaneSurface | SphereSurface | CylinderSurface
 
 
-@fixed
 @dataclass(frozen=True)
 class Contact:
     """
