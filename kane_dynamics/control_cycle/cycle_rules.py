@@ -235,8 +235,9 @@ class CycleSettings(NamedTuple):
         ns.
     holds, stop_time : Scalar
         Whether the arm is brought to rest in a lasting fault; in which time, ns.
-    compares : Scalar
-        Whether a first state needs a second one that agrees.
+    compares, compares_speeds : Scalar
+        Whether a first state needs a second one that agrees, and whether speeds are
+        compared with positions.
     blend_time : Scalar
         ns.
     restarts, blends : Scalar
@@ -269,6 +270,7 @@ class CycleSettings(NamedTuple):
     holds: Scalar
     stop_time: Scalar
     compares: Scalar
+    compares_speeds: Scalar
     blend_time: Scalar
     restarts: Scalar
     blends: Scalar
@@ -619,8 +621,10 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     path = changed_if(stalled, path, partial(_after_stall, now=now))
     moment = moment_of(event)
     turned = np.where(turning, settings.turned, 0.0)
-    check = CheckSettings(settings.timeout, settings.grace, settings.compares, turned,
-                          settings.bounds)
+    longest_gap = MOST_PERIODS * path.period + 1.0
+    longest_gap = select(longest_gap < settings.grace, longest_gap, settings.grace)
+    check = CheckSettings(settings.timeout, settings.grace, longest_gap, settings.compares,
+                          settings.compares_speeds, turned, settings.bounds)
     result, states = judged(path.states, moment, state, check)
     heard = path.with_states(states)._replace(last_heard=moment, reason=result,
                                               period=_period(path, moment))
@@ -662,7 +666,8 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
     closed loops do not determine it.
     """
     # The measured state; with closed loops that of the whole mechanism.
-    q, u = np.split(_measured(path, state), 2)
+    q, _ = np.split(_measured(path, state), 2)
+    u = path.states.trusted
     desired = desired_motion(path, event, row, settings, q, law.holds)
     if loops is not None:
         q, u = loops.measured(path)

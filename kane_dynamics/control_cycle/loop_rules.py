@@ -127,7 +127,7 @@ class LoopRules:
         """Close the loops at a state that was judged; mostly this one call is enough."""
         before = self.search(self.memory(path).measured)
         limits = settings.loop_limits[:LOOP_LIMITS]
-        after = self._search.begun(before, self._measurement(state), limits, 0.0)
+        after = self._search.begun(before, self._measurement(path, state), limits, 0.0)
         return self._after(path, before, after)
 
     def go_on_closing(self, path: PathState, event: Event, state: Vector,
@@ -135,14 +135,15 @@ class LoopRules:
         """Return the path after one more call of the search."""
         before = self.search(self.memory(path).measured)
         limits = settings.loop_limits[:LOOP_LIMITS]
-        after = self._search.continued(before, self._measurement(state), limits, 0.0)
+        after = self._search.continued(before, self._measurement(path, state), limits,
+                                       0.0)
         return self._after(path, before, after)
 
-    def _measurement(self, state: Vector) -> MeasuredJoints:
-        """Return the measurement of a state."""
+    def _measurement(self, path: PathState, state: Vector) -> MeasuredJoints:
+        """Return the measurement of a state, with speeds that its positions confirm."""
         n, n_q = self.robot.n, self.robot.n_q
-        positions, rates, seen, weights = np.split(state, np.cumsum([n, n, n_q]))
-        return MeasuredJoints(positions, rates, seen, weights)
+        positions, _, seen, weights = np.split(state, np.cumsum([n, n, n_q]))
+        return MeasuredJoints(positions, path.states.trusted, seen, weights)
 
     def _after(self, path: PathState, before: LoopSearch, after: LoopSearch) -> PathState:
         """Return the path after a call, with the reason if the state is refused."""

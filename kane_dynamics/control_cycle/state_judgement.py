@@ -6,12 +6,16 @@ limits, is faster than it can be, or is farther from its last accepted position 
 can have moved since then. A joint that has jumped stays impossible until it jumps back
 or, within the grace time, its measured speeds explain where it is: an offset of an encoder
 does not become possible as time passes.
+
+Speeds that contradict the positions are no reason to refuse a state, because its positions
+still say where the arm is: the laws use speeds from the positions then.
 """
 
 import math
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control.torque_limiter import clipped
 from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FIRST, JUMP, NANO, NEVER,
                                                        NOT_FINITE, OUTSIDE, TOO_FAST,
                                                        UNEXPLAINED)
@@ -21,6 +25,14 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
 UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
+# Time over which speeds are compared with positions, s: longer than the filters of drivers,
+# shorter than a false speed needs to move an arm far.
+SPEED_WINDOW = 0.2
+# Share of the speed limit times state_check.speed_factor: by more, one speed alone differs
+# neither from the positions nor from the speed before.
+SPEED_NOISE = 0.05
+COMPARISONS = 3.0  # of speeds in that time, so that one state alone never contradicts
+DERIVED_WITHIN = 0.01  # time constant of speeds that are derived from positions, s
 LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong
 
 
@@ -43,12 +55,28 @@ class StateMemory(NamedTuple):
         Time in which the joints can have moved until the state judged last, s.
     jumped_at : Scalar
         Stamp of the last state that was refused with a joint that had jumped, ns.
+    compared_at : Scalar
+        Stamp of `compared`, ns.
+    comparisons : Scalar
+        How many states were compared in the last `SPEED_WINDOW`.
     accepted : (2 n,) array
         Its positions and velocities.
     jumped : (n,) array
         Whether each joint had jumped in that refused state; zeros after an accepted one.
     refused : (n,) array
         The positions in that refused state.
+    compared : (2 n,) array
+        The last state whose speeds were compared with its positions.
+    deviation, path : (n,) arrays
+        By how much the positions moved farther than the speeds say, and how far they moved
+        by the larger of both, in the last `SPEED_WINDOW`, rad or m.
+    wrong : (n,) array
+        Whether the speeds of each joint have contradicted its positions since the start.
+    derived : (n,) array
+        Speeds from the positions alone, rad/s or m/s.
+    trusted : (n,) array
+        The speeds of `compared`, or derived ones where these are wrong, or one of them is
+        alone: those that laws use, and from which a stop begins.
 
     """
 
@@ -58,44 +86,56 @@ class StateMemory(NamedTuple):
     confirmed: Scalar
     elapsed: Scalar
     jumped_at: Scalar
+    compared_at: Scalar
+    comparisons: Scalar
     accepted: Vector
     jumped: Vector
     refused: Vector
+    compared: Vector
+    deviation: Vector
+    path: Vector
+    wrong: Vector
+    derived: Vector
+    trusted: Vector
 
     @classmethod
     def of(cls, array: Vector) -> 'StateMemory':
         """Return the memory of an array, as `packed` makes it."""
-        n = (len(array) - ACCEPTED_AT) // 4
-        jumped = ACCEPTED_AT + 2 * n
-        known, stamp, frozen_at, confirmed, elapsed, jumped_at = array[:ACCEPTED_AT]
-        return cls(known, stamp, frozen_at, confirmed, elapsed, jumped_at,
-                   array[ACCEPTED_AT:jumped], array[jumped:jumped + n],
-                   array[jumped + n:])
+        n = (len(array) - ACCEPTED_AT) // sum(SIZES)
+        ends = np.cumsum([size * n for size in SIZES])
+        return cls(*array[:ACCEPTED_AT], *np.split(array[ACCEPTED_AT:], ends[:-1]))
 
     @classmethod
     def empty(cls, n: int) -> 'StateMemory':
         """Return the memory of n joints that knows no state."""
-        return cls(0.0, NEVER, NEVER, 0.0, 0.0, NEVER, np.zeros(2 * n), np.zeros(n),
-                   np.zeros(n))
+        return cls(0.0, NEVER, NEVER, 0.0, 0.0, NEVER, NEVER, 0.0,
+                   *[np.zeros(size * n) for size in SIZES])
 
     def forgotten(self) -> 'StateMemory':
         """Return the memory that compares the next state with no earlier one."""
+        still = 0.0 * self.jumped
         return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
-                             jumped=0.0 * self.jumped)
+                             jumped=still, compared_at=NEVER, comparisons=0.0,
+                             deviation=still, path=still, wrong=still)
 
     def kept(self, moment: Scalar, state: Vector) -> 'StateMemory':
         """Return the memory with a state, and its stamp, ns."""
-        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=state,
+        q, u = np.split(state, 2)
+        is_compared = flag(self.compared_at < moment + 0.5) * flag(
+            moment < self.compared_at + 0.5)
+        accepted = np.concatenate([q, either(is_compared, self.trusted, u)])
+        return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=accepted,
                              jumped=0.0 * self.jumped)
 
 
 ACCEPTED_AT = StateMemory._fields.index('accepted')
-KNOWN, STAMP, FROZEN_AT, CONFIRMED, ELAPSED, JUMPED_AT = range(ACCEPTED_AT)
+CONFIRMED = StateMemory._fields.index('confirmed')
+SIZES = (2, 1, 1, 2, 1, 1, 1, 1, 1)  # of the arrays, in joints
 
 
 def state_memory_size(n: int) -> int:
     """Return the number of entries of a `StateMemory` of n joints as an array."""
-    return ACCEPTED_AT + 4 * n
+    return ACCEPTED_AT + sum(SIZES) * n
 
 
 class CheckSettings(NamedTuple):
@@ -109,8 +149,12 @@ class CheckSettings(NamedTuple):
     grace : Scalar
         Time without states, ns, after which a position needs speeds that explain it, or a
         second state.
+    longest_gap : Scalar
+        Time between two states, ns, above which speeds are not compared with positions.
     compares : Scalar
         Whether a first state needs a second one that agrees.
+    compares_speeds : Scalar
+        Whether speeds are compared with positions, as for laws that use them.
     turned : (n,) array
         Whether a joint may jump by whole turns.
     bounds : (5 n,) array
@@ -121,12 +165,14 @@ class CheckSettings(NamedTuple):
 
     timeout: Scalar
     grace: Scalar
+    longest_gap: Scalar
     compares: Scalar
+    compares_speeds: Scalar
     turned: Vector
     bounds: Vector
 
 
-def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
+def state_fault(state: Vector, bounds: Vector, jumped: Vector, wrong: Vector) -> Scalar:
     """
     Return `ACCEPTED`, or the first fault of a finite state, over any scalar.
 
@@ -138,6 +184,8 @@ def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
         As of `CheckSettings`.
     jumped : (n,) array
         Whether the joints have jumped.
+    wrong : (n,) array
+        Whether their speeds are known as wrong, so that these are no reason.
 
     """
     q, u = np.split(state, 2)
@@ -147,7 +195,8 @@ def state_fault(state: Vector, bounds: Vector, jumped: Vector) -> Scalar:
     near: Scalar = 1.0
     for j in range(len(q)):
         inside = select(between(lower[j], q[j], upper[j]) > 0.5, inside, 0.0)
-        slow = select(between(-fastest[j], u[j], fastest[j]) > 0.5, slow, 0.0)
+        is_slow = either(wrong[j], 1.0, between(-fastest[j], u[j], fastest[j]))
+        slow = select(is_slow > 0.5, slow, 0.0)
         near = select(jumped[j] > 0.5, 0.0, near)
     # The most basic fault counts: outside the limits, then too fast, then a jump.
     fault = select(near > 0.5, float(ACCEPTED), float(JUMP))
@@ -198,13 +247,71 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
     return np.array(jumped)
 
 
+def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
+                         settings: CheckSettings) -> StateMemory:
+    """
+    Return the memory that has compared the speeds of a state with its positions.
+
+    The mean of two speeds times the time between them is the distance between both
+    positions, but for noise, and for a filter that lets speeds come late. Sums over a window
+    have neither: speeds that are always zero, of the wrong sign or in another unit differ
+    from the positions by half of the path and more.
+    """
+    q, u = np.split(state, 2)
+    q_last, u_last = np.split(memory.compared, 2)
+    _, _, _, slope, step = np.split(settings.bounds, 5)
+    gap = (moment - memory.compared_at) / NANO
+    left = SPEED_WINDOW / (SPEED_WINDOW + gap)
+    # After a pause the speeds between are not known.
+    counts = flag(gap > 0.0) * flag(NANO * gap < settings.longest_gap)
+    comparisons = left * (memory.comparisons + counts)
+    enough = flag(comparisons > COMPARISONS)
+    rows = []
+    for j, turned in enumerate(settings.turned):
+        moved = q[j] - q_last[j]
+        if not is_zero(turned):
+            whole = select(moved > math.pi, 2.0 * math.pi,
+                           select(moved < -math.pi, -2.0 * math.pi, 0.0))
+            moved = moved - turned * whole
+        predicted = 0.5 * (u[j] + u_last[j]) * gap
+        farther = select(_size(moved) < _size(predicted), _size(predicted), _size(moved))
+        # One false speed counts twice, with the one before and after, and must not suffice.
+        most = 0.5 * step[j]
+        away = clipped(moved - predicted, -most, most)
+        # A jump is another fault, or it was accepted as the second of two states.
+        near = counts * between(-step[j] - slope[j] * gap, moved, step[j] + slope[j] * gap)
+        deviation = left * (memory.deviation[j] + either(near, away, 0.0))
+        path = left * (memory.path[j] + either(near, clipped(farther, 0.0, most), 0.0))
+        wrong = flag(step[j] + LATE_SHARE * path < _size(deviation))
+        wrong = either(memory.wrong[j], 1.0, wrong * enough * settings.compares_speeds)
+        # Speeds from the positions, smoothed, from the first of them on.
+        share = gap / (gap + DERIVED_WITHIN)
+        rate = moved / either(near, gap, 1.0)
+        rate = memory.derived[j] + share * (rate - memory.derived[j])
+        derived = either(near, rate, either(flag(gap > 0.0), u[j], memory.derived[j]))
+        noise = either(flag(slope[j] > 0.0), SPEED_NOISE * slope[j], UNLIMITED)
+        is_alone = enough * settings.compares_speeds * flag(
+            noise < _size(u[j] - derived)) * flag(noise < _size(u[j] - memory.trusted[j]))
+        trusted = either(either(wrong, 1.0, is_alone), derived, u[j])
+        rows.append([deviation, path, wrong, derived, trusted])
+    deviations, paths, wrong, derived, trusted = np.array(rows).T
+    return memory._replace(compared_at=moment, comparisons=comparisons, compared=state,
+                           deviation=deviations, path=paths, wrong=wrong,
+                           derived=derived, trusted=trusted)
+
+
+def _size(x: Scalar) -> Scalar:
+    """Return the absolute value."""
+    return select(x < 0.0, -x, x)
+
+
 def explained(moved: Scalar, speeds: Scalar, elapsed: Scalar, step: Scalar,
               turned: Scalar) -> Scalar:
     """Return whether two measured speeds, by their sum, explain how far a joint moved."""
     # The trapezoidal rule: the torque is constant while no state is answered, so the
     # acceleration nearly is.
     predicted = 0.5 * speeds * elapsed
-    late = LATE_SHARE * select(predicted < 0.0, -predicted, predicted)
+    late = LATE_SHARE * _size(predicted)
     return within(moved - predicted, step + late, turned)
 
 
@@ -273,11 +380,16 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     elapsed = (until - memory.stamp) / NANO
     elapsed = has_earlier * select(elapsed > 0.0, elapsed, 0.0)
     jumped = jumped_joints(memory, moment, measured, last, elapsed, settings)
-    fault = state_fault(measured, settings.bounds, jumped)
+    fault = state_fault(measured, settings.bounds, jumped, memory.wrong)
     is_finite = finite(state)
     fault = either(is_finite, fault, float(NOT_FINITE))
-    is_possible = flag(fault < 0.5)
     judged_memory = memory._replace(elapsed=elapsed)
+    is_possible = flag(fault < 0.5)
+    # Speeds beside positions, also where these speeds alone are the fault.
+    compares = either(is_possible, 1.0, is_finite * flag(fault < TOO_FAST + 0.5) * flag(
+        fault > TOO_FAST - 0.5))
+    judged_memory = branch(compares, with_compared_speeds(
+        judged_memory, moment, measured, settings), judged_memory)
     with_state = judged_memory.kept(moment, measured)
 
     # The jump of a state that is not the first is remembered.

@@ -11,7 +11,7 @@ from kane_dynamics.ros.common.command_topic import several_commanders
 from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
 from kane_dynamics.ros.common.stamped_numbers import FUTURE
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
-from kane_dynamics.ros.torque_path.drop_reasons import (JUMP, MISSING, NO_CLOCK,
+from kane_dynamics.ros.torque_path.drop_reasons import (FALSE_SPEEDS, JUMP, MISSING, NO_CLOCK,
                                                         NO_VELOCITY, OUTSIDE, REFUSED,
                                                         STALE, TOO_FAST, UNEXPLAINED)
 
@@ -118,6 +118,8 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
     if path.fault:
         return ERROR, (f'joint states impossible for {path.state_age:.2f} s: '
                        f'{path.fault}; {path.reaction}')
+    if path.false_speeds:
+        return ERROR, f'joint states: {", ".join(path.false_speeds)}: {FALSE_SPEEDS}'
     if path.failure:
         return ERROR, (f'{path.failure}; the desired motion was stopped; read the log, '
                        'deactivate and activate the node')

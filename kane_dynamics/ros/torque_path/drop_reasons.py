@@ -16,6 +16,9 @@ OUTSIDE, TOO_FAST, JUMP = (
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
 UNEXPLAINED = 'position unexplained after a pause'
 LEARNED = 'layout learned after newer states'
+# States with them are not dropped.
+FALSE_SPEEDS = ('velocities contradict the positions; speeds from the positions are used; '
+                'expected rad/s or m/s, of the sign of the positions')
 
 REASONS = {
     cycle_results.NO_CLOCK: NO_CLOCK, cycle_results.STALE: STALE,

@@ -486,6 +486,7 @@ class NativeTorquePath(TorquePath):
             self._note_state(report, now)
         self._last = report.path
         self._memory.array[:] = report.numbers
+        self._note_speeds()
 
     def _note_state(self, report: Report, now: int) -> None:
         """Count and observe what followed a state."""

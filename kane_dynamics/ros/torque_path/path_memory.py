@@ -84,9 +84,10 @@ class PathMemory:
     array : (k,) array
     entries : memoryview
         Of the array.
-    tau, limited, accepted, arbitration : arrays
+    tau, limited, accepted, trusted, wrong, arbitration : arrays
         The last torques; flags of joints that were clamped or limited in their rate; the
-        last accepted state; an `Arbitration`: views of the array.
+        last accepted state; the speeds that laws use, and flags of joints whose measured
+        ones contradict their positions; an `Arbitration`: views of the array.
 
     """
 
@@ -102,6 +103,8 @@ class PathMemory:
         self.tau: Array = parts.tau
         self.limited: tuple[Array, Array] = (parts.clamped, parts.rate_limited)
         self.accepted: Array = parts.states.accepted
+        self.trusted: Array = parts.states.trusted
+        self.wrong: Array = parts.states.wrong
         self.arbitration: Array = parts.arbitration
         self._check: Array = parts.check
         self._confirmed = memoryview(self._check[CONFIRMED:])

@@ -47,6 +47,9 @@ class StateCheck:
         1 for joints without limits if they may jump by whole turns, else 0.
     compares : bool
         Whether a first state needs a second one that agrees.
+    compares_speeds : bool
+        Whether speeds are compared with positions: gravity compensation uses none, and
+        takes states without.
     timeout, grace : int
         Age of the last state after which the path times out, and how long states are
         refused before it gives up, ns.
@@ -94,6 +97,7 @@ class StateCheck:
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                  UNLIMITED)
         self.compares = bool(limited.any())
+        self.compares_speeds = Mode(values['mode']) is not Mode.GRAVITY_COMPENSATION
 
     def finds(self, fault: int, before: StateMemory, after: StateMemory) -> bool:
         """Return whether the limits of now show a fault that a thread has found."""
@@ -101,7 +105,8 @@ class StateCheck:
             return True
         moved, allowed = self._moved(before.accepted, after.elapsed)
         jumped = np.where(np.abs(moved) < allowed, after.jumped, 1.0)
-        return int(state_fault(self._state, self.bounds.ravel(), jumped)) == fault
+        return int(state_fault(self._state, self.bounds.ravel(), jumped,
+                               before.wrong)) == fault
 
     def _moved(self, accepted: Array, elapsed: float) -> tuple[Array, Array]:
         """Return the distances that joints moved in a time, s, and could have moved, (n,)."""

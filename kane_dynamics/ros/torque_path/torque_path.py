@@ -34,7 +34,8 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import (Cycle, CycleObserver,
                                                           GuardSide)
-from kane_dynamics.ros.torque_path.drop_reasons import FOREIGN, MISSING, REASONS
+from kane_dynamics.ros.torque_path.drop_reasons import (FALSE_SPEEDS, FOREIGN, MISSING,
+                                                        REASONS)
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        CycleRules, DROPS, FAULT,
@@ -82,6 +83,8 @@ class TorquePath:
     ----------
     ended : str
         Why the path stopped by itself; empty if it did not, and after `stop`.
+    false_speeds : tuple of str
+        Joints whose speeds contradict their positions.
     failure : str
         Why the motion was stopped since the start, where the process has failed otherwise.
 
@@ -123,6 +126,7 @@ class TorquePath:
         self._silence_reason = ''
         self.ended = ''
         self.failure = ''
+        self.false_speeds: tuple[str, ...] = ()
         self._counts = dict.fromkeys(COUNTS, 0.0)
         # When the last stop by the controller began, and its motion.
         self._stop: tuple[float, Motion | None] = NEVER, None
@@ -176,7 +180,8 @@ class TorquePath:
         return CycleSettings(
             timeout=float(check.timeout), grace=float(check.grace),
             holds=float(check.holds), stop_time=check.stop_time * NANO,
-            compares=float(check.compares), blend_time=controller.blend_time * NANO,
+            compares=float(check.compares),
+            compares_speeds=float(check.compares_speeds), blend_time=controller.blend_time * NANO,
             **self._counts, drops=0.0, wrench_timeout=0.0,
             bounds=check.bounds.ravel(), turned=check.turned.copy(),
             effort=np.minimum(effort, UNLIMITED), slope=np.where(is_limited, rate, 0.0),
@@ -523,6 +528,7 @@ class TorquePath:
                                 is_limited)
         self.statistics.full_parses = reader.full_parses
         # After the command, which must not wait for them
+        self._note_speeds()
         if self._observers:
             self._observe(self._memory.path, at, motion, moment, external)
 
@@ -625,6 +631,7 @@ class TorquePath:
             self._note_drop(self._memory.path, rules.next.path, now)
         if code < cycle_results.NOT_FINITE:
             rules.keep()
+            self._reader._u[:] = self._memory.trusted
             if code > cycle_results.FIRST:
                 self._drop_stamp(code, stamp, now)
             return code == cycle_results.ACCEPTED and self._complete(stamp, now)
@@ -780,6 +787,17 @@ class TorquePath:
             lasted = now - self._epoch - float(path.refused_since)
             self._report_fault('fault', f'{reason} for {lasted / NANO:.3f} s; '
                                f'{self.reaction}' + ', desired motion dropped' * dropped)
+
+    def _note_speeds(self) -> None:
+        """Report speeds that contradict the positions, once for each joint."""
+        wrong = self._memory.wrong
+        if wrong.sum() == len(self.false_speeds):
+            return
+        joints = tuple(name for name, is_wrong in zip(self._reader.joints, wrong.tolist())
+                       if is_wrong > 0.5)
+        if len(joints) > len(self.false_speeds):
+            self._report_fault('velocities', f'{", ".join(joints)}: {FALSE_SPEEDS}')
+        self.false_speeds = joints
 
     @staticmethod
     def _begins_fault(before: PathState, path: PathState) -> bool:

@@ -7,6 +7,7 @@ runs are equal up to the fault.
 """
 
 from functools import cache
+import math
 import time
 from types import SimpleNamespace
 
@@ -171,13 +172,28 @@ def test_a_false_state_moves_the_arm_by_less_than_2_mrad(name, fault, mode, movi
 
 
 @pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize(('name', 'joint'), [('fr3', 1), ('fr3', 5),
+                                             ('palletizer', 'shoulder')])
+@pytest.mark.parametrize('speed', [0.3, -0.5, 1.0, -3.0])
+def test_one_false_speed_below_its_limit_moves_the_arm_by_less_than_2_mrad(
+        name, joint, speed, make):
+    run = Run(name, 'computed_torque', True, make=make, limited=True)
+    calm = Run(name, 'computed_torque', True, make=make, limited=True).positions()
+    rows = run.positions(changed(joint, 0.0, speed, names=run.robot.joint_names))
+    assert np.abs(rows - calm).max() < MOST
+    assert not run.statistics.dropped and not run.path.false_speeds
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
 @pytest.mark.parametrize(('ahead', 'silent'), [
     pytest.param(95 * NANO // 1000, 0, id='95 ms ahead'),
     pytest.param(0, 20, id='after 40 ms')])
 @pytest.mark.parametrize(('name', 'joint'), [('fr3', 1), ('palletizer', 'shoulder')])
 def test_one_message_changes_the_torque_by_at_most_two_periods_of_its_rate(
         name, joint, ahead, silent, make):
-    run = Run(name, 'computed_torque', True, make=make, limited=True)
+    # Without limits of speed no other rule helps.
+    run = Run(name, 'computed_torque', True, make=make, limited=True,
+              speed_factor=math.inf)
     run.positions(length=FAULT)
     run.time += silent * PERIOD
     before = run.torque.copy()

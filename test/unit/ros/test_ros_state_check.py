@@ -156,7 +156,7 @@ def test_the_second_of_two_states_that_disagree_is_refused_with_its_distance():
 
 
 @pytest.mark.parametrize('fault',
-                         ['jump', 'small jump', 'velocity', 'degrees', 'not finite'])
+                         ['jump', 'small jump', 'degrees', 'not finite'])
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, action):
     rig = Rig(action=action, grace=0.02)
@@ -440,6 +440,7 @@ def test_states_of_a_slow_publisher_may_be_far_apart():
     rig.begin()
     u[1] = 0.9 * LIMITS.velocity[1]
     rig.state(q, u)
+    rig.state(q, u)  # the second state of a speed that jumps
     for _ in range(10):
         q[1] += 0.09 * u[1]
         assert len(rig.state(q, u, after=9 * NANO // 100)) == 1
@@ -482,8 +483,8 @@ class JudgedStates:
     def reason(self, stamp):
         """Return why the state with this stamp, ns, is refused, or None."""
         check = self.settings
-        settings = CheckSettings(NANO // 10, check.grace, check.compares, check.turned,
-                                 check.bounds.ravel())
+        settings = CheckSettings(NANO // 10, check.grace, check.grace, check.compares,
+                                 1.0, check.turned, check.bounds.ravel())
         outcome, memory_after = judged(self.memory, stamp, self.state, settings)
         if outcome >= cycle_results.NOT_FINITE:
             self.detail = check.explain(int(outcome), self.memory, memory_after)

@@ -123,7 +123,7 @@ def test_no_stamp_and_no_silence_lets_the_torque_change_faster_than_its_rate(
     for k, (began, age, before) in enumerate(rows):
         for now, _, after in rows[k + 1:]:
             elapsed = now - began + max(age, 0)
-            assert np.abs(after - before).max() <= RATE * elapsed / NANO * (1.0 + 1e-9)
+            assert np.abs(after - before).max() <= RATE * elapsed / NANO + 1e-9
 
 
 @pytest.mark.parametrize('kind', list(PATHS))

@@ -1,0 +1,121 @@
+"""
+Speeds of joint states that contradict the positions, judged by the motion of the arm.
+
+Drivers lie about speeds in few ways, and all drivers have noise, filters, delays and a
+resolution, which are no lie.
+"""
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from false_states import FAULT, NANO, PERIOD  # noqa: E402, I100
+from kane_dynamics import Controller, Robot  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
+from node_values import node_values  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from recordings import present, quiet, real  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from test_ros_false_states import Run, undisturbed, Unread  # noqa: E402
+
+LENGTH = 700
+LIES = {'always zero': lambda q, u: (q, 0.0 * u, 0),
+        'wrong sign': lambda q, u: (q, -u, 0),
+        'degrees': lambda q, u: (q, np.degrees(u), 0),
+        'stuck': lambda q, u: (q, 0.0 * u + 500.0, 0)}
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('name', ['fr3', 'palletizer'])
+@pytest.mark.parametrize('lie', LIES)
+def test_an_arm_whose_speeds_lie_goes_on_along_its_motion(lie, name, make):
+    run = Run(name, 'computed_torque', True, make=make, limited=True)
+    rows = run.positions(LIES[lie], first=FAULT, count=LENGTH, length=LENGTH)
+    calm = undisturbed(name, 'computed_torque', True, LENGTH)
+    speeds = np.abs(np.diff(rows, axis=0)) * (NANO / PERIOD)
+    moved = np.abs(rows - calm)
+    # Overshoot beyond the motion, and the way back to it.
+    fastest = np.abs(np.diff(calm, axis=0)).max() * (NANO / PERIOD)
+    assert speeds.max() < 1.8 * fastest
+    assert moved.max() < 0.08 and moved[-1].max() < 0.01
+    assert run.path.false_speeds and run.path.fault == ''
+
+
+def drivers():
+    """Return how drivers change true speeds and positions, by name."""
+    rng = np.random.default_rng(0)
+
+    def noisy(q, u):
+        return q + rng.normal(0.0, 2e-4, len(q)), u + rng.normal(0.0, 0.05, len(u)), 0
+
+    def coarse(q, u):
+        return np.round(q / 1e-3) * 1e-3, np.round(u / 0.05) * 0.05, 0
+
+    def filtered(within):
+        last = []
+
+        def change(q, u):
+            last[:] = [last[0] + (u - last[0]) * PERIOD / NANO / within if last else u]
+            return q, last[0], 0
+        return change
+
+    def late(states):
+        waiting = deque(maxlen=states)
+
+        def change(q, u):
+            waiting.append(u)
+            return q, waiting[0], 0
+        return change
+
+    def differences(q, u):
+        moved = q - before[-1] if before else 0.0 * q
+        before.append(q)
+        return q, moved * (NANO / PERIOD), 0
+    before = []
+    return {'noisy': noisy, 'coarse': coarse, 'filtered by 10 ms': filtered(0.01),
+            'filtered by 20 ms': filtered(0.02), '10 ms late': late(6),
+            'differences of positions': differences}
+
+
+@pytest.mark.parametrize('name', ['fr3', 'palletizer'])
+@pytest.mark.parametrize('driver', drivers())
+def test_the_speeds_of_real_drivers_are_no_lie(driver, name):
+    run = Run(name, 'computed_torque', True, limited=True)
+    run.positions(drivers()[driver], first=0, count=LENGTH, length=LENGTH)
+    assert run.path.false_speeds == () and not run.statistics.dropped
+
+
+@pytest.mark.parametrize(('recording', 'urdf', 'n'), [
+    ('panda_unisa.csv', 'fer_hand.urdf', 7), ('ur10_unisa.csv', 'ur10.urdf', 6)])
+def test_states_of_a_recorded_arm_are_accepted_and_lies_are_found(recording, urdf, n):
+    if not present(recording, urdf):
+        pytest.skip('no recording of a real arm here')
+    data, file, joints = real(recording, urdf, n)
+    robot = Robot(quiet(file, joints=list(joints)))
+    table = np.genfromtxt(data, delimiter=',', names=True)
+    columns = [[table[f'{letter}{k}'] for k in range(1, n + 1)] for letter in 'qv']
+    q, u = np.swapaxes(np.array(columns), 1, 2)
+    stamps = NANO + np.round(table['t'] * NANO).astype(int)
+
+    def false_speeds(factor):
+        now = [int(stamps[0])]
+        values = node_values({'mode': 'computed_torque'})
+        path = TorquePath(Controller(robot, mode='computed_torque'), Unread(), Unread(),
+                          lambda: now[0], values, Statistics(), lambda *words: None)
+        path.start()
+        for stamp, position, speed in zip(stamps.tolist(), q.tolist(), factor * u):
+            now[0] = stamp
+            message = JointState(name=list(joints), position=position,
+                                 velocity=speed.tolist())
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANO)
+            path.on_state(serialize_message(message))
+        return path.false_speeds, path.statistics.dropped
+    assert false_speeds(1.0) == ((), {})
+    for factor in (0.0, -1.0):
+        wrong, _ = false_speeds(factor)
+        assert set(wrong) >= set(joints[:3])
