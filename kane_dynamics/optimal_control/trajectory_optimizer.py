@@ -160,14 +160,9 @@ class TrajectoryOptimizer:
                                     if name not in modes)
         actuators = list(map(names.index, self.actuator_names))
 
-        # Limits and weights, of which defaults are the model's.
-        if torque_limits is None:
-            torque_limits = _torque_limits(robot, self.actuator_names)
-        self.torque_limits = per_joint(torque_limits, 'torque_limits',
-                                       self.actuator_names, finite=False)
-        if speed_limits is None:
-            speed_limits = robot.limits.velocity
-        self.speed_limits = per_joint(speed_limits, 'speed_limits', names, finite=False)
+        # Limits and weights, of which defaults are the robot's.
+        self._stated_limits = torque_limits, speed_limits
+        self._set_limits()
         self.weights = CostWeights() if weights is None else weights
         instance(self.weights, CostWeights, 'weights')
 
@@ -184,6 +179,20 @@ class TrajectoryOptimizer:
         # q = 0 closes no loop and deflects no beam: of those the user states a target.
         if robot.equations.in_joint_rates and not robot.model.flexible:
             self.set_target(np.zeros(len(names)))
+
+    def _set_limits(self) -> None:
+        """Set the limits of torque and speed; InputError for invalid ones."""
+        robot = self.robot
+        self._limits = robot.limits
+        torque_limits, speed_limits = self._stated_limits
+        if torque_limits is None:
+            torque_limits = _torque_limits(robot, self.actuator_names)
+        self.torque_limits = per_joint(torque_limits, 'torque_limits',
+                                       self.actuator_names, finite=False)
+        if speed_limits is None:
+            speed_limits = robot.limits.velocity
+        self.speed_limits = per_joint(speed_limits, 'speed_limits', robot.joint_names,
+                                      finite=False)
 
     def _set_weights(self) -> None:
         """Write weights and limits into the arrays; InputError for invalid ones."""
@@ -333,6 +342,10 @@ class TrajectoryOptimizer:
             raise InputError('target: none; expected a call of set_target before')
         parameters = self.robot.parameters.block
         arrays.constants[NUMBERS + arrays.sizes.limits:] = parameters
+        if self.robot.limits is not self._limits:
+            self._set_limits()
+            self._set_weights()
+            self.set_disturbance(self._disturbance)
         # The torques of the target are those of the present gravity and payload.
         if not np.array_equal(parameters, self._parameters_of_target):
             self._write_target(self._set, self._t)
