@@ -24,7 +24,8 @@ INDIRECT = {
     'ElasticFeedforward.warn_of_degrees', 'FrictionError.forget_motion',
     'LoopTracker.update_checked', 'PosePath.section_limits',
     'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model',
-    'Rolling.surface_rows', 'SmoothMotion.require_no_jumps', 'Terms.changes_friction', 'Terms.friction_change',
+    'Rolling.surface_rows', 'SmoothMotion.require_no_jumps', 'Terms.changes_friction',
+    'Terms.friction_change',
     # Tests of the node, and slow ones.
     'ArmCoupling.is_usable', 'ArmCoupling.restart', 'identification.Excitation.sample'}
 
