@@ -82,3 +82,32 @@ def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, s
         assert "commanding 'hold'" not in first.log and ANOTHER not in second.log
     finally:
         os.kill(first.pid, signal.SIGCONT)
+
+
+def test_a_second_guard_holds_the_arm_after_node_and_first_guard_have_died(
+        client, start):
+    """Nobody commanded, and the diagnostics were fine."""
+    node = client.process = start(guard__enabled=True, state_timeout=2.0)
+    first = guards(start)
+    first.wait_for(WATCHING)
+    client.connect()
+    second = guards(start)
+    second.wait_for(ANOTHER)
+    publish_states(client, lambda: False, 1.0)
+    node.end(signal.SIGKILL)
+    assert publish_states(client, lambda: "commanding 'hold'" in first.log), first.log
+    held = np.array(client.commands[-1])
+    assert held.any()
+    publish_states(client, lambda: False, 0.5)
+    first.end(signal.SIGKILL)
+    assert publish_states(client, lambda: "commanding 'hold'" in second.log), second.log
+    count = len(client.commands)
+    assert publish_states(client, lambda: len(client.commands) > count + 50)
+    np.testing.assert_allclose(client.commands[-1], held, rtol=0.2)
+    # One that starts now knows no torque, and says so.
+    second.end(signal.SIGKILL)
+    third = guards(start)
+    client.diagnostics.clear()
+    assert publish_states(client, lambda: any(
+        level == b'\x02' and 'nobody holds the arm' in message
+        for level, message, _ in client.diagnostics)), third.log

@@ -12,6 +12,7 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.cdr import float64_multi_array
+from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.guard.guard_messages import arm_digest, REQUEST, STATE
@@ -143,6 +144,11 @@ class ConfiguredGuard:
     def set_loads(self, loads: GravityAndPayload) -> None:
         """Use gravity and payload of the dynamics node from the next state on."""
         self.path.set_loads(loads)
+
+    def inherit(self, torque: Array) -> None:
+        """Continue from the last torque of a guard that has ended, if it is of this arm."""
+        if torque.shape == self.path.watch.torque.shape:
+            self.path.watch.inherit(torque, time.perf_counter())
 
     def send_heartbeat(self) -> None:
         """Send the state of the guard to the dynamics node."""

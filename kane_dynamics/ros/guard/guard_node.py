@@ -12,6 +12,7 @@ from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
                                                           robot_options)
+from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -40,6 +41,7 @@ DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not
 ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until '
            'that one ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
+ALONE = 5.0  # s from the start without a node, after which an arm has nobody that holds it
 REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
 
@@ -72,6 +74,7 @@ class GuardNode(Node):
         # double.
         self._identity = float(time.monotonic_ns() // 1000)
         self._other_heard = -LOST  # time of the last message of another guard, s
+        self._other_torque: Array | None = None  # that acted at its last message
         # Since when the graph lists other guards, s; 0: it lists none
         self._others_listed = 0.0
         self._values: Mapping[str, Any] = {}
@@ -88,7 +91,7 @@ class GuardNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._reported = self._reminded = time.monotonic()
+        self._started = self._reported = self._reminded = time.monotonic()
         self.create_timer(HEARTBEAT_PERIOD, self._heartbeat, clock=steady)
         self.create_timer(PERIOD, self._check, clock=steady)
 
@@ -132,6 +135,7 @@ class GuardNode(Node):
                                                        message.data):
             return  # the other one stops
         self._other_heard = time.monotonic()
+        self._other_torque = np.array(message.data[FIELDS:])
         if self.guard is not None:
             self._refuse(ANOTHER)
             self._next = self._next or self._values
@@ -252,6 +256,10 @@ class GuardNode(Node):
                                      self._report, self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
+        # The guard before this one has ended, and the node perhaps before it.
+        if self._other_torque is not None:
+            self.guard.inherit(self._other_torque)
+            self._other_torque = None
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to '
                  f'{self.guard.verified:.1e}')
@@ -297,13 +305,25 @@ class GuardNode(Node):
         self._diagnostics.publish(message)
         realtime.collect_if_disabled()
 
+    def _is_arm_left_alone(self) -> bool:
+        """Return whether an arm is there, and no node since this guard started."""
+        return bool(self._loads is None and time.monotonic() - self._started > ALONE
+                    and self.count_publishers('joint_states')
+                    and self.count_subscribers('commands'))
+
     def _status(self, period: float) -> DiagnosticStatus:
         """Close a reporting period, s, and return the diagnostic status."""
         name = f'{self.get_fully_qualified_name()}: guard'
         guard = self.guard
         if guard is None:
-            level = DiagnosticStatus.ERROR if self.refused else DiagnosticStatus.WARN
-            return status(name, '', level, self.reason, {})
+            level = DiagnosticStatus.WARN
+            message = self.reason
+            if self.refused:
+                level = DiagnosticStatus.ERROR
+            elif self._is_arm_left_alone():
+                level = DiagnosticStatus.ERROR
+                message += '; joint states are published, and nobody holds the arm'
+            return status(name, '', level, message, {})
         # Silent, or watching without torque, or watching.
         watch = guard.path.watch
         level = DiagnosticStatus.OK
