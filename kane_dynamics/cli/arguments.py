@@ -110,10 +110,21 @@ def _export(sub: ArgumentParser) -> None:
 
 def _equations(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     sub.add_argument('--numbers', action='store_true',
                      help='use numbers instead of symbols for the parameters')
+    sub.add_argument('--axes', default='own', metavar='FRAME',
+                     help="axes of vectors: 'own' of each body (default), 'world', or a "
+                     'frame')
+    sub.add_argument('--points', nargs='+', default=(), metavar='FRAME',
+                     help='frames whose origins are in the tables of velocities')
+    sub.add_argument('--auxiliary', nargs='+', default=(), metavar='FORCE',
+                     help='constraint forces to derive: constraint rows, or '
+                     'JOINT:DIRECTION with x, y, z, rx, ry or rz')
+    sub.add_argument('--energy', action='store_true',
+                     help='derive inertia forces by variations of vectors, too')
     form = sub.add_mutually_exclusive_group()
-    for name in ('latex', 'markdown', 'csv'):
+    for name in ('latex', 'markdown', 'csv', 'c', 'python'):
         form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
     sub.set_defaults(format='text')
     sub.add_argument('-o', '--out', metavar='FILE',

@@ -69,11 +69,14 @@ examples:
   kane-dynamics equations two_link.urdf
   kane-dynamics equations arm.urdf --joints shoulder elbow --numbers
   kane-dynamics equations two_link.urdf --latex -o two_link.tex
+  kane-dynamics equations four_bar.urdf --constraints four_bar.yaml --c -o four_bar.c
+  kane-dynamics equations two_rods.urdf --auxiliary rod_a_joint:rx --axes rod_a
+  kane-dynamics equations rolling_disc.py
 
-For up to four coordinates. m1, r1, I1 are mass, center of mass and moment of inertia
-of the first body, l1 the position of its joint. --markdown and --csv print the table
-of partial velocities. Operation counts share common subexpressions; those of the
-compiled kernels are printed too.""",
+A Python file has one variable with a Robot. m1, r1, I1 are mass, center of mass and
+moment of inertia of the first body, l1 the position of its joint. --csv prints the
+table of partial velocities, --c and --python print code. Operation counts share common
+subexpressions; those of the compiled kernels are printed too.""",
     'identify': """
 examples:
   kane-dynamics identify arm.urdf recording.csv

@@ -1,5 +1,5 @@
-"""Equations of motion of small mechanisms in closed form (extra `equations`)."""
+"""Equations of motion of small mechanisms on paper (extra `equations`)."""
 
-from kane_dynamics.closed_forms.closed_form import closed_form, ClosedForm
+from kane_dynamics.closed_forms.derivation import Derivation, derivation
 
-__all__ = ['ClosedForm', 'closed_form']
+__all__ = ['Derivation', 'derivation']

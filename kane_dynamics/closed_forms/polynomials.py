@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 from sympy.polys.rings import ring
-from sympy.simplify.fu import TR8
 
 MOST_TERMS = 5000  # of a polynomial; more are too many to read
-MOST_SHORTENED = 200  # terms; simplifying more takes minutes
+MOST_FACTORED = 40  # terms; common factors of more take long to find
 
 
 class Polynomials:
@@ -38,14 +38,20 @@ class Polynomials:
         self.ring, *generators = ring(atoms or 'x', sp.QQ)
         self.generators = dict(zip(atoms, generators))
         self._values: dict[Any, Any] = {}
-        # The square of each sine and each root, by the place of its generator.
+        # The square of each sine and each root, by the place of its generator, and the
+        # places of a generator and its inverse.
         self._rules: list[tuple[int, Any]] = []
+        self._inverses: list[tuple[int, int]] = []
         for place, atom in enumerate(atoms):
             if isinstance(atom, sp.sin):
                 cosine = self.generators[sp.cos(*atom.args)]
                 self._rules.append((place, self.ring.one - cosine**2))
-            elif atom.is_Pow:
-                self._rules.append((place, self.ring.one * int(atom.base)))
+            elif isinstance(atom, sp.Abs):
+                self._rules.append((place, self.of(atom.args[0]**2)))
+            elif atom.is_Pow and atom.exp == sp.S.Half:
+                self._rules.append((place, self.of(atom.base)))
+            if (1 / atom in self.generators and atom.is_Pow is False) or (atom.is_Pow and atom.exp == sp.S.Half and 1 / atom in self.generators):
+                self._inverses.append((place, atoms.index(1 / atom)))
 
     def of(self, expression: Any) -> Any:
         """
@@ -89,7 +95,9 @@ class Polynomials:
             for part in expression.args:
                 result = self._bounded(result + self.of(part))
             return result
-        if expression.is_Pow:
+        if expression.is_Pow and expression.exp.is_negative:
+            factors = [self.generators[1 / expression.base]] * int(-expression.exp)
+        elif expression.is_Pow:
             factors = [self.of(expression.base)] * int(expression.exp)
         else:  # products of short polynomials first, which keeps intermediate ones short
             factors = sorted(map(self.of, expression.args), key=len)
@@ -100,13 +108,16 @@ class Polynomials:
 
     def _bounded(self, polynomial: Any) -> Any:
         if len(polynomial) > MOST_TERMS:
-            raise InputError(f'closed form: more than {MOST_TERMS} terms; expected '
+            raise InputError(f'derivation: more than {MOST_TERMS} terms; expected '
                              'fewer joints (--joints), or numbers for symbols '
                              '(--numbers)')
         return polynomial
 
     def _lowered(self, polynomial: Any) -> Any:
         """Return a polynomial with second powers of sines and roots replaced."""
+        for pair in self._inverses:
+            if any(min(powers[k] for k in pair) for powers in polynomial):
+                polynomial = self._cancelled(polynomial, pair)
         for place, square in self._rules:
             # x^n = x^(n - 2) square, until no power above 1 remains.
             while any(powers[place] > 1 for powers in polynomial):
@@ -122,9 +133,20 @@ class Polynomials:
                 polynomial = low + high * square
         return polynomial
 
+    def _cancelled(self, polynomial: Any, pair: tuple[int, int]) -> Any:
+        """Return a polynomial without products of a generator and its inverse."""
+        result = self.ring.zero
+        for powers, coefficient in polynomial.items():
+            common = min(powers[k] for k in pair)
+            remaining = list(powers)
+            for k in pair:
+                remaining[k] -= common
+            result += self.ring.from_dict({tuple(remaining): coefficient})
+        return result
+
 
 class _Trig:
-    """Symbols and functions (sin, cos, roots) of which expressions are polynomials."""
+    """Symbols and functions (sin, cos, roots, inverses) of polynomial expressions."""
 
     def __init__(self, expressions: Sequence[Any]) -> None:
         """Collect the symbols and functions of the expressions."""
@@ -143,25 +165,54 @@ class _Trig:
                 waiting.extend(x.args)
             elif x.is_Pow and x.exp.is_Integer and x.exp > 0:
                 waiting.append(x.base)
+            elif x.is_Pow and x.exp.is_Integer:
+                self.atoms.add(1 / x.base)
+                waiting.append(x.base)
             elif not x.is_Rational:
                 self.atoms.add(x)
-                # sin^2 = 1 - cos^2 needs both.
-                if isinstance(x, sp.sin):
-                    self.atoms.add(sp.cos(*x.args))
+                # sin^2 = 1 - cos^2 needs both; the square of a root needs its terms.
+                if isinstance(x, sp.sin | sp.cos):
+                    self.atoms |= {sp.sin(*x.args), sp.cos(*x.args)}
+                elif isinstance(x, sp.Abs):
+                    waiting.append(x.args[0])
+                elif x.is_Pow:
+                    waiting.append(x.base)
 
     def form(self, x: Any) -> Any:
         """Return a node as a sum or a product of simpler nodes, or unchanged."""
+        if x not in self._forms:
+            self._forms[x] = self._form(x)
+        return self._forms[x]
+
+    def _form(self, x: Any) -> Any:
         if isinstance(x, sp.sin | sp.cos):
             # Expanding a constant offset would double the terms.
-            if x not in self._forms:
-                offset = x.args[0].as_coeff_Add()[0]
-                self._forms[x] = sp.expand_trig(x) if offset == 0 else x
-            return self._forms[x]
-        if x.is_Pow and x.exp == sp.S.Half and x.base.is_Integer and not x.base.is_prime:
+            offset = x.args[0].as_coeff_Add()[0]
+            return sp.expand_trig(x) if offset == 0 else x
+        if not x.is_Pow or (x.exp.is_Integer and x.exp.is_positive):
+            return x
+        if x.exp == sp.S.Half and x.base.is_Integer and not x.base.is_prime:
             # The root of a product is the product of the roots of its prime factors.
             roots = [sp.sqrt(p)**k for p, k in sp.factorint(x.base).items()]
             return sp.Mul(*roots, evaluate=False)
+        if x.exp.is_Rational and x.exp.q == 2 and x.exp != sp.S.Half:
+            # A power of a root: of a number, or of an expression, positive or negative.
+            if x.base.is_Integer:
+                return sp.sqrt(x.base) * x.base**(x.exp - sp.S.Half)
+            if x.exp == -sp.S.Half:
+                return x
+            root = sp.sqrt(x.base) if x.exp > 0 else 1 / sp.sqrt(x.base)
+            return sp.Pow(root, abs(x.exp.p), evaluate=False)
+        if x.base.is_Add:
+            # Of an inverse, the shortest form of the sum; of its products, each factor.
+            base = sp.factor_terms(as_polynomial(x.base))
+            return sp.Mul(*[factor**x.exp for factor in sp.Mul.make_args(base)])
         return x
+
+
+def as_polynomial(expression: Any) -> Any:
+    """Return an expression expanded, in lowest powers of sines and roots."""
+    return Polynomials([expression]).of(expression).as_expr()
 
 
 def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
@@ -176,7 +227,7 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
         exp(-u^2).
     q, u : symbols
         Coordinates and speeds; the coefficient of each product of speeds is simplified
-        by itself, and left expanded if it has more than `MOST_SHORTENED` terms.
+        by itself, and left expanded if it has more than `MOST_FACTORED` terms.
     progress : callable
         Called with the finished fraction of the expressions.
 
@@ -186,41 +237,126 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
         If an expression has too many terms.
 
     """
-    angles = list(q)
     polynomials = Polynomials(expressions)
+    angles = Angles(polynomials, q)
     # Terms are sorted by products of speeds and of the functions that friction has.
     frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh | sp.Abs | sp.exp)]
     speeds = [*u, *frictions]
-    results = []
+    results: dict[Any, Any] = {}
     for done, expression in enumerate(expressions, 1):
-        parts = polynomials.by(polynomials.of(expression), speeds)
-        terms = []
-        for product, part in parts.items():
-            terms.append(product * _short(part, angles))
-        results.append(sp.Add(*terms))
+        if expression not in results:
+            parts = polynomials.by(polynomials.of(expression), speeds)
+            terms = [product * angles.short(part) for product, part in parts.items()]
+            results[expression] = sp.Add(*terms)
         progress(done / len(expressions))
-    return results
+    return [results[expression] for expression in expressions]
 
 
-def _short(polynomial: Any, q: list[Any]) -> Any:
-    """Return the shorter form of a polynomial: in functions of q or of sums of q."""
-    products = polynomial.as_expr()
-    if len(polynomial) > MOST_SHORTENED:
-        return products
-    # Products of sines and cosines as sums of those of summed angles.
-    sums = sp.expand(TR8(products))
+class Angles:
+    """Sines and cosines of coordinates in polynomials, as products or of sums."""
 
-    # Or with the even powers of the cosines as sines, where that is shorter.
-    for x in q:
-        with_sines = _lowered(products, sp.cos(x), sp.sin(x))
-        products = min(products, with_sines, key=sp.count_ops)
-    return min(map(sp.factor_terms, (products, sums)), key=sp.count_ops)
+    def __init__(self, polynomials: Polynomials, q: Iterable[Any]) -> None:
+        """Find the places of the sines and cosines of each coordinate."""
+        self.ring = polynomials.ring
+        self.places: dict[Any, tuple[int, int]] = {}  # of (cosine, sine), by coordinate
+        for x in q:
+            if sp.sin(x) in polynomials.generators:
+                self.places[x] = (self.ring.symbols.index(sp.cos(x)),
+                                  self.ring.symbols.index(sp.sin(x)))
+
+    def short(self, polynomial: Any) -> Any:
+        """Return the shorter form of a polynomial: in functions of q or of sums of q."""
+        # With the even powers of the cosines as sines, where that is shorter.
+        for cosine, sine in self.places.values():
+            with_sines = self._with_sines(polynomial, cosine, sine)
+            polynomial = min(polynomial, with_sines, key=_operations)
+        products = polynomial.as_expr()
+        if len(polynomial) > MOST_FACTORED:
+            return products
+        if any(self._trigonometric(powers) > 1 for powers in polynomial):
+            products = min(products, self._of_sums(polynomial), key=sp.count_ops)
+        return sp.factor_terms(products)
+
+    def _trigonometric(self, powers: Sequence[int]) -> int:
+        """Return the number of sines and cosines in a term."""
+        return sum(powers[k] for pair in self.places.values() for k in pair)
+
+    def _with_sines(self, polynomial: Any, cosine: int, sine: int) -> Any:
+        """Return a polynomial with cos^2 replaced by 1 - sin^2."""
+        square = self.ring.one - self.ring.gens[sine]**2
+        result = self.ring.zero
+        for powers, coefficient in polynomial.items():
+            lowered = list(powers)
+            lowered[cosine] %= 2
+            term = self.ring.from_dict({tuple(lowered): coefficient})
+            result += term * square**(powers[cosine] // 2)
+        return result
+
+    def _of_sums(self, polynomial: Any) -> Any:
+        """Return a polynomial with products of sines and cosines as those of sums."""
+        total: dict[tuple[int, ...], list[Any]] = {}
+        for powers, coefficient in polynomial.items():
+            remaining = list(powers)
+            # The product of the functions is a sum of c exp(i k . q).
+            harmonics: dict[tuple[int, ...], Any] = {(0,) * len(self.places): sp.QQ(1)}
+            quarter_turns = 0  # factors 1 / i
+            for place, pair in enumerate(self.places.values()):
+                for k, sign in zip(pair, (1, -1)):
+                    for _ in range(powers[k]):
+                        harmonics = _multiplied(harmonics, place, sign)
+                    remaining[k] = 0
+                quarter_turns += powers[pair[1]]
+            factor = self.ring.from_dict({tuple(remaining): coefficient})
+            # i^-k is real for even k, where the sum is one of cosines, else of sines.
+            factor *= (1, 1, -1, -1)[quarter_turns % 4]
+            for harmonic, weight in harmonics.items():
+                parts = total.setdefault(harmonic, [self.ring.zero, self.ring.zero])
+                parts[quarter_turns % 2] += factor * weight
+        terms = []
+        for harmonic, (even, odd) in total.items():
+            angle = sum(k * x for k, x in zip(harmonic, self.places))
+            terms.append(even.as_expr() * sp.cos(angle) + odd.as_expr() * sp.sin(angle))
+        return sp.Add(*terms)
 
 
-def _lowered(expression: Any, high: Any, low: Any) -> Any:
-    """Return a polynomial with high^2 replaced by 1 - low^2."""
-    lowered = []
-    for (power,), coefficient in sp.Poly(expression, high, domain='EX').terms():
-        square = (1 - low**2)**(power // 2)
-        lowered.append(coefficient * high**(power % 2) * square)
-    return sp.expand(sp.Add(*lowered))
+def _multiplied(harmonics: dict[tuple[int, ...], Any], place: int,
+                sign: int) -> dict[tuple[int, ...], Any]:
+    """Return harmonics times (exp(i x) + sign exp(-i x)) / 2 of the x at a place."""
+    result: dict[tuple[int, ...], Any] = {}
+    for harmonic, weight in harmonics.items():
+        for step, factor in ((1, 1), (-1, sign)):
+            moved = list(harmonic)
+            moved[place] += step
+            key = tuple(moved)
+            result[key] = result.get(key, sp.QQ(0)) + weight * sp.QQ(factor, 2)
+    return {key: weight for key, weight in result.items() if weight}
+
+
+def _operations(polynomial: Any) -> int:
+    """Return the operations of a polynomial, term by term."""
+    return sum(sum(powers) + 1 for powers in polynomial)
+
+
+def operations(expressions: Iterable[Any]) -> OperationCount:
+    """Return the operations of expressions without sharing; signs cost nothing."""
+    counts: dict[Any, OperationCount] = {}
+
+    def count(x: Any) -> OperationCount:
+        if x not in counts:
+            inner = sum(map(count, x.args), OperationCount())
+            counts[x] = inner + _own_operations(x)
+        return counts[x]
+    return sum(map(count, expressions), OperationCount())
+
+
+def _own_operations(x: Any) -> OperationCount:
+    """Return the operations of a node, without those of its arguments."""
+    if x.is_Add:
+        return OperationCount(additions=len(x.args) - 1)
+    if x.is_Mul:
+        factors = [factor for factor in x.args if factor != -1]
+        return OperationCount(multiplications=len(factors) - 1)
+    if x.is_Pow and x.exp.is_Integer:
+        return OperationCount(multiplications=int(abs(x.exp)) - 1,
+                              divisions=int(x.exp.is_negative))
+    return OperationCount(functions=int(x.is_Function or x.is_Pow))

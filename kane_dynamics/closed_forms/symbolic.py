@@ -1,16 +1,20 @@
 """Mechanics with SymPy symbols: a scalar type, and models with symbolic constants."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
+from functools import cache
+import numbers
 from typing import Any
 
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
+from kane_dynamics.closed_forms.polynomials import as_polynomial
 from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import has_dry_friction
-from kane_dynamics.model.drive import ElasticJoint, StiffnessCurve
+from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
@@ -31,20 +35,23 @@ class Symbolic:
         self.value = value
 
     def __add__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
+        if not _is_scalar(other):
             return NotImplemented
-        return Symbolic(self.value + unwrapped(other))
+        return scalar(self.value + unwrapped(other))
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
+        if not _is_scalar(other):
             return NotImplemented
-        return Symbolic(self.value * unwrapped(other))
+        return scalar(self.value * unwrapped(other))
 
     __radd__ = __add__
     __rmul__ = __mul__
 
-    def __neg__(self) -> 'Symbolic':
-        return Symbolic(-self.value)
+    def __neg__(self) -> Any:
+        return scalar(-self.value)
+
+    def __pos__(self) -> 'Symbolic':
+        return self
 
     def __sub__(self, other: Any) -> Any:
         return self + -other
@@ -53,55 +60,72 @@ class Symbolic:
         return -self + other
 
     def __truediv__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
+        if not _is_scalar(other):
             return NotImplemented
-        return Symbolic(self.value / unwrapped(other))
+        return scalar(self.value / unwrapped(other))
 
     def __rtruediv__(self, other: Any) -> Any:
-        return Symbolic(unwrapped(other) / self.value)
+        return scalar(unwrapped(other) / self.value)
+
+    def __pow__(self, exponent: Any) -> Any:
+        if not isinstance(exponent, numbers.Real):
+            return NotImplemented
+        return scalar(self.value ** exact(float(exponent)))
 
     def __lt__(self, other: Any) -> 'Condition':
-        return Condition(self.value < unwrapped(other))
+        return Condition(self.value, unwrapped(other))
 
     def __gt__(self, other: Any) -> 'Condition':
-        return Condition(self.value > unwrapped(other))
+        return Condition(unwrapped(other), self.value)
 
-    def sin(self) -> 'Symbolic':
-        """Return the sine; numpy.sin calls this on object arrays."""
-        return Symbolic(sp.sin(self.value))
-
-    def cos(self) -> 'Symbolic':
-        """Return the cosine; numpy.cos calls this on object arrays."""
-        return Symbolic(sp.cos(self.value))
-
-    def tanh(self) -> 'Symbolic':
-        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
-        return Symbolic(sp.tanh(self.value))
-
-    def exp(self) -> 'Symbolic':
-        """Return the exponential; numpy.exp calls this on object arrays."""
-        return Symbolic(sp.exp(self.value))
-
-    def sqrt(self) -> 'Symbolic':
+    def sqrt(self) -> Any:
         """Return the square root; numpy.sqrt calls this on object arrays."""
-        return Symbolic(sp.sqrt(self.value))
+        return scalar(sp.sqrt(as_polynomial(self.value)))
+
+
+def _function(function: Any) -> Any:
+    """Return the method of a function, which numpy calls on object arrays."""
+    def method(self: Symbolic) -> Any:
+        return scalar(function(self.value))
+    return method
+
+
+for _name, _sympy in {'sin': sp.sin, 'cos': sp.cos, 'tanh': sp.tanh, 'exp': sp.exp,
+                      'log': sp.log, 'arctan': sp.atan, '__floor__': sp.floor}.items():
+    setattr(Symbolic, _name, _function(_sympy))
+
+
+def scalar(expression: Any) -> Any:
+    """Return an expression as a scalar; 0 and units as numbers, zero by structure."""
+    if expression in (-1, 0, 1):
+        return float(expression)
+    return Symbolic(expression)
+
+
+def _is_scalar(value: Any) -> bool:
+    """Return whether a value is an operand, no array and no number of another kind."""
+    return isinstance(value, Symbolic | numbers.Real | sp.Expr)
 
 
 class Condition:
     """Comparison of SymPy expressions, for `mechanics.algebra.dual.select`."""
 
-    def __init__(self, comparison: Any) -> None:
-        """Store a SymPy relation."""
-        self.comparison = comparison
+    def __init__(self, smaller: Any, larger: Any) -> None:
+        """Store the two sides of smaller < larger."""
+        self.smaller = smaller
+        self.larger = larger
 
-    def select(self, x: Any, y: Any) -> Symbolic:
+    def select(self, x: Any, y: Any) -> Any:
         """Return x if the comparison holds, else y; -y if y < 0, else y, is |y|."""
         first, second = unwrapped(x), unwrapped(y)
-        if first == -second and self.comparison == (second < 0):
-            return Symbolic(sp.Abs(second))
-        return Symbolic(sp.Piecewise((first, self.comparison), (second, True)))
+        if first == -second and (self.smaller, self.larger) == (second, 0):
+            return scalar(sp.Abs(second))
+        comparison = sp.StrictLessThan(self.smaller, self.larger, evaluate=False)
+        return Symbolic(sp.Piecewise((first, comparison), (second, True),
+                                     evaluate=False))
 
 
+@cache
 def exact(value: float) -> Any:
     """Return a number as exact SymPy number: its shortest decimal, or a root."""
     for root in ROOTS:
@@ -132,16 +156,19 @@ class Parameter:
 
 
 class ParameterSymbols:
-    """Symbols for the constants of a model, in the order of their use."""
+    """Symbols, or exact numbers, for the constants of a model, in the order of use."""
 
-    def __init__(self) -> None:
+    def __init__(self, numbers: bool = False) -> None:
         """Create an empty table."""
+        self.numbers = numbers
         self.parameters: dict[str, Parameter] = {}
 
     def scalar(self, name: str, value: float, unit: str, meaning: str) -> Any:
-        """Return 0, or plus or minus a positive symbol."""
+        """Return 0, or plus or minus a positive symbol, or the exact number."""
         if value == 0.0:
             return 0.0
+        if self.numbers:
+            return scalar(exact(float(value)))
         symbol = sp.Symbol(name, positive=True)
         parameter = Parameter(symbol, abs(float(value)), unit, meaning)
         self.parameters.setdefault(name, parameter)
@@ -182,73 +209,72 @@ class ParameterSymbols:
         return self.scalar(name + suffix, moments[i], 'kg m^2', f'{meaning}, {axes}')
 
 
-def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
+def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
+                       auxiliary: Sequence[str] = ()) -> Mechanism:
     """
-    Return a model whose constants are symbols, for `mechanics.definition.kane`.
+    Return a mechanism whose constants are symbols, for `mechanics.definition`.
 
     Parameters
     ----------
-    model : Model
-        The mechanism.
-
-    Returns
-    -------
-    model : object
-        Object with the attributes of a Model; axes, rotations and multipliers stay
-        numbers.
-    parameters : list of Parameter
-        m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness,
-        s rest position, d damping, c quadratic damping, f friction and w its speed, J
-        armature, ke and de stiffness and damping of a drive, and others, with the body's
-        number.
+    mechanism : Mechanism
+        The mechanism of numbers.
+    table : ParameterSymbols
+        Receives the symbols: m mass, r center of mass, I moment of inertia, l place of
+        the joint, k stiffness, s rest position, d damping, c quadratic damping, f
+        friction and w its speed, J armature, ke and de stiffness and damping of a drive,
+        and others, with the body's number; p place of a frame; R radius, h height, L
+        length of a constraint. Axes, rotations, multipliers and beams stay numbers.
+    auxiliary : sequence of str
+        Joints of auxiliary speeds, whose bodies have the number of the body before.
 
     Raises
     ------
     ModelError
-        If a body is flexible, or a drive has a stiffness curve.
+        If a drive has a stiffness curve.
 
     """
-    if model.flexible:
-        raise ModelError(f"closed form of '{model.name}': flexible bodies; expected "
-                         'rigid bodies')
-    table = ParameterSymbols()
+    model = mechanism.model
     bodies = []
-    for number, body in enumerate(model.bodies, 1):
+    number = 0
+    for body in model.bodies:
+        number += body.joint.name not in auxiliary
         bodies.append(_unchecked_copy(body, inertial=_inertial(table, number, body),
-                                      joint=_joint(table, number, body.joint)))
-    # The model's interface as `definition.kane` reads it, with symbols in place of
-    # numbers.
-    gravity = table.vector('g', model.gravity, 'm/s^2', 'gravity')
-    view = SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
-                           coordinate_names=model.coordinate_names, balls=(),
-                           drives=_drives(table, model))
-    return view, list(table.parameters.values())
+                                      joint=_joint(table, model, number, body.joint)))
+    frames = []
+    for number, frame in enumerate(model.frames, 1):
+        place = table.vector(f'p{number}', frame.translation, 'm',
+                             f'position of {frame.name}')
+        frames.append(_unchecked_copy(frame, translation=place))
+    view = _unchecked_copy(
+        model, bodies=tuple(bodies), frames=tuple(frames),
+        gravity=table.vector('g', model.gravity, 'm/s^2', 'gravity'))
+    for name in ('drives', 'coordinate_joints'):  # kept with the numbers
+        view.__dict__.pop(name, None)
+
+    # The speeds are functions of the numbers' model, which for these alone has masses.
+    result = copy(mechanism)
+    result.model = view
+    if mechanism.speeds.key == 'momenta':
+        result.speeds = replace(mechanism.speeds, Y=lambda q, t: kane.mass_matrix(view, q))
+    constraints = []
+    for number, constraint in enumerate(mechanism.constraints, 1):
+        constraints.append(_constraint(table, number, constraint))
+    result.constraints = tuple(constraints)
+    result._rolling = result._wheels_with_surface_rows()
+    return result
 
 
-def exact_model(model: Model) -> Any:
-    """Return a model as `parametrised` does, with exact numbers in place of symbols."""
-    view, parameters = parametrised(model)
-    # The numbers of the symbols, as exact ones.
-    values = {parameter.symbol: unwrapped(parameter.value) for parameter in parameters}
-
-    def numbers_of(value: Any) -> Any:
-        if isinstance(value, Symbolic):
-            return Symbolic(value.value.xreplace(values))
-        if isinstance(value, np.ndarray):
-            entries = [numbers_of(entry) for entry in value.ravel()]
-            return np.array(entries, dtype=object).reshape(value.shape)
-        return value
-
-    # All constants of the bodies, joints and drives, and gravity.
-    parts = [elastic.drive for elastic in view.drives]
-    for body in view.bodies:
-        parts += [body.inertial, body.joint]
-    for part in parts:
-        fields = vars(part)
-        for name, value in list(fields.items()):
-            fields[name] = numbers_of(value)
-    view.gravity = numbers_of(view.gravity)
-    return view
+def _constraint(table: ParameterSymbols, number: int, constraint: Any) -> Any:
+    """Return a constraint whose lengths and velocities are symbols."""
+    properties = {}
+    letters = {'radius': ('R', 'm'), 'surface_radius': ('Rs', 'm'), 'height': ('h', 'm'),
+               'length': ('L', 'm'), 'value': ('v', 'm/s or rad/s')}
+    for name, (letter, unit) in letters.items():
+        value = getattr(constraint, name, None)
+        if isinstance(value, float):
+            meaning = f'{name} of {constraint.name}'.replace('_', ' ')
+            properties[name] = table.scalar(f'{letter}{number}', value, unit, meaning)
+    return _unchecked_copy(constraint, **properties)
 
 
 def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
@@ -263,7 +289,7 @@ def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
                              f'central moment of inertia of {body.name}'))
 
 
-def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
+def _joint(table: ParameterSymbols, model: Model, number: int, joint: Joint) -> Any:
     """Return a joint whose properties are symbols."""
     units = {'revolute': ('rad', 'N m', 'kg m^2'), 'prismatic': ('m', 'N', 'kg')}
     length, force, inertia = units[joint.kind]
@@ -299,32 +325,29 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
                              f'friction speed at {joint.name}')
     place = table.vector(f'l{number}', joint.translation, 'm',
                          f'position of {joint.name}')
-    return _unchecked_copy(joint, translation=place, friction_speed=speed, **properties)
+    drive = joint.drive
+    if drive is not None:
+        drive = _drive(table, model, number, joint.name, drive)
+    return _unchecked_copy(joint, translation=place, friction_speed=speed, drive=drive,
+                           **properties)
 
 
-def _drives(table: ParameterSymbols, model: Model) -> tuple[ElasticJoint, ...]:
-    """Return the elastic joints, with symbols for stiffness and damping."""
-    numbers = {body.joint.name: number for number, body in enumerate(model.bodies, 1)}
-    elastic_joints = []
-    # Symbols are numbered as the bodies, as those of the joints are.
-    for elastic in model.drives:
-        drive = elastic.drive
-        joint = f'of the drive at {elastic.name}'
-        if isinstance(drive.stiffness, StiffnessCurve):
-            raise ModelError(f"closed form of '{model.name}': a stiffness curve {joint}; "
-                             'expected a constant stiffness')
-        number = numbers[elastic.name]
-        # Units of a joint that turns, or slides.
-        length, force = 'rad', 'N m'
-        if elastic.name in model.sliding:
-            length, force = 'm', 'N'
-        stiffness = table.scalar(f'ke{number}', drive.stiffness, f'{force}/{length}',
-                                 f'stiffness {joint}')
-        damping = table.scalar(f'de{number}', drive.damping, f'{force} s/{length}',
-                               f'damping {joint}')
-        symbolic = _unchecked_copy(drive, stiffness=stiffness, damping=damping)
-        elastic_joints.append(elastic._replace(drive=symbolic))
-    return tuple(elastic_joints)
+def _drive(table: ParameterSymbols, model: Model, number: int, joint: str,
+           drive: Drive) -> Any:
+    """Return the drive of an elastic joint, with symbols for stiffness and damping."""
+    name = f'of the drive at {joint}'
+    if isinstance(drive.stiffness, StiffnessCurve):
+        raise ModelError(f"derivation of '{model.name}': a stiffness curve {name}; "
+                         'expected a constant stiffness')
+    # Units of a joint that turns, or slides.
+    length, force = 'rad', 'N m'
+    if joint in model.sliding:
+        length, force = 'm', 'N'
+    stiffness = table.scalar(f'ke{number}', drive.stiffness, f'{force}/{length}',
+                             f'stiffness {name}')
+    damping = table.scalar(f'de{number}', drive.damping, f'{force} s/{length}',
+                           f'damping {name}')
+    return _unchecked_copy(drive, stiffness=stiffness, damping=damping)
 
 
 def _unchecked_copy(record: Any, **symbols: Any) -> Any:

@@ -34,7 +34,7 @@ EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
 # own.
 RESULTS = frozenset((
     'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory',
-    'closed_forms.ClosedForm',
+    'closed_forms.Derivation',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
     'feasibility.TimeScale',
     'identification.BaseFit',
@@ -56,7 +56,7 @@ ELSEWHERE = frozenset((
     'plot.plot_bending', 'plot.plot_vibrations'))
 SLOW = frozenset(
     ('identification.excite', 'identification.identify', 'sweep.Sweep',
-     'optimal_control.TrajectoryOptimizer', 'closed_forms.closed_form',
+     'optimal_control.TrajectoryOptimizer', 'closed_forms.derivation',
      'feasibility.time_optimal', 'identification.diagnose', 'cartesian_motion',
      'identification.calibrate_collision', 'identification.torque_delays',
      'identification.identify_drives'))
@@ -294,7 +294,7 @@ def stated():
         'inverse_kinematics': {'target': (0.5, 0.3, 0.0), 'starts': 2},
         'identification.excite': {'duration': 4.0, 'harmonics': 2, 'starts': 1},
         'identification.friction_motion': {'loads': 2, 'distance': None},
-        'closed_forms.closed_form': {}, 'ModelBuilder': {'name': 'a'},
+        'closed_forms.derivation': {}, 'ModelBuilder': {'name': 'a'},
         'simulate': {'duration': 0.01, 'torque': (1.0, 2.0)},
         'feasibility.time_optimal': {'acceleration': 5.0,
                                      'uncertainty': Uncertainty.of(model, mass=0.1)},

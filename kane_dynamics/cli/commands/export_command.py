@@ -1,12 +1,16 @@
-"""The commands `export` and `equations`: the dynamics as C code, and in closed form."""
+"""The commands `export` and `equations`: the dynamics as C code, and on paper."""
 
 from argparse import Namespace
+from pathlib import Path
+from runpy import run_path
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.printing import as_json, print_files, print_json
 from kane_dynamics.cli.robot_options import load_robot, split
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot.robot import Robot
 
 
 def export(options: Namespace) -> None:
@@ -24,20 +28,24 @@ def export(options: Namespace) -> None:
 
 
 def equations(options: Namespace) -> None:
-    """Print or write the closed form of a small mechanism's equations of motion."""
-    texts = extra('kane_dynamics.closed_forms.closed_form_text', 'equations',
-                  'equations in closed form')  # errors early
-    from kane_dynamics.closed_forms import closed_form
-    model, robot = load_robot(options)
+    """Print or write the derivation of a small mechanism's equations of motion."""
+    texts = extra('kane_dynamics.closed_forms.derivation_text', 'equations',
+                  'equations on paper')  # errors early
+    from kane_dynamics.closed_forms import derivation
+    from kane_dynamics.closed_forms.derivation_code import as_code
+    robot = _robot(options)
     with progress_bar('deriving', 1.0) as progress:
-        form = closed_form(model, numbers=options.numbers, friction=robot.friction,
-                           progress=progress)
-    # All formats are made of one form; data also count the operations of the compiled
-    # code.
+        form = derivation(robot, numbers=options.numbers, axes=options.axes,
+                          points=split(options.points) or (), energy=options.energy,
+                          auxiliary=split(options.auxiliary) or (), progress=progress)
+    # All formats are made of one derivation; text and data also count the operations of
+    # the compiled code.
     if options.json:
         text = as_json(texts.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':
         text = texts.as_text(form, robot.operation_count())
+    elif options.format in ('c', 'python'):
+        text = as_code(form, options.format)
     else:
         text = getattr(texts, f'as_{options.format}')(form)
     if not options.out:
@@ -46,3 +54,17 @@ def equations(options: Namespace) -> None:
     with whole_file(options.out) as stream:
         stream.write(text)
     print_files([options.out])
+
+
+def _robot(options: Namespace) -> Robot:
+    """Return the robot of a URDF, or the variable `robot` of a Python file."""
+    path = Path(options.urdf)
+    if path.suffix != '.py':
+        return load_robot(options)[1]
+    if not path.is_file():
+        raise InputError(f"'{path}': no such file; expected a Python file that builds a "
+                         'robot')
+    robots = [value for value in run_path(str(path)).values() if isinstance(value, Robot)]
+    if len(robots) != 1:
+        raise InputError(f"'{path}': {len(robots)} variables with a Robot; expected one")
+    return robots[0]

@@ -1,19 +1,21 @@
 """
 Reference formulation of Kane's equations with constraints: F~_r + F~_r* = 0.
 
-The reference for `equations`, on numbers. With q' = W u + X and u_D = A u_I + B,
+The reference for `equations`, over numbers and symbols. With q' = W u + X and
+u_D = A u_I + B,
 
     F~_r = F_r + sum_s F_s A_sr,    F~_r* likewise,    u_D' = A u_I' + A' u_I + B'
 
 (Kane & Levinson, chapter 4; F_r and F_r* are the sums of `kane`.)
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
-from kane_dynamics._util.typing import Array, Matrix
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.mechanics.algebra import linear_solve
+from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import damping_torque, drive_forces
@@ -22,6 +24,13 @@ import numpy as np
 
 if TYPE_CHECKING:  # the type alone: the definition stands on its own
     from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+
+Rewriting = Callable[[str, Any], Any]
+
+
+def unchanged(name: str, coefficients: Any) -> Any:
+    """Return the coefficients of a reduction as they are."""
+    return coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,30 +44,57 @@ class Reduction:
         q' = W u + X.
     A, B : (m, n), (m,) arrays
         u_D = A u_I + B.
+    D : (m, m) array
+        Dependent speeds per unit of each row: the inverse of the rows' coefficients.
 
     """
 
-    W: Array
-    X: Array
-    A: Array
-    B: Array
+    W: Matrix
+    X: Vector
+    A: Matrix
+    B: Vector
+    D: Matrix
 
 
-def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
-    """Return W, X of q' = W u + X, and A, B of u_D = A u_I + B, at a configuration."""
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """
+    Accelerations at constant independent speeds.
+
+    Attributes
+    ----------
+    dependent : (m,) array
+        u_D' = A u_I' + dependent.
+    joints : (n_q,) array
+        q'' = W u' + joints.
+
+    """
+
+    dependent: Vector
+    joints: Vector
+
+
+def reduction(mechanism: 'Mechanism', q: Vector, t: Scalar = 0.0,
+              rewritten: Rewriting = unchanged) -> Reduction:
+    """
+    Return W, X of q' = W u + X, and A, B of u_D = A u_I + B, at a configuration.
+
+    `rewritten` may replace the entries of each coefficient by equal ones.
+    """
     dependent = dependent_places(mechanism)
 
     # u = Y q' + Z gives q' = W u + X.
     Y, Z = mechanism.speeds.of(q, t)
-    W = _numbers(np.linalg.inv(_numbers(Y)))
-    X = _numbers(-W @ _numbers(Z))
+    W = rewritten('W', inverse(Y))
+    X = rewritten('X', -(W @ Z))
 
     # J q' = b gives C u = b - J X with C = J W, which is solved for u_D.
     J, b = _rows(mechanism, q, t)
-    C = J @ W
-    A = _numbers(-np.linalg.solve(C[:, dependent], C[:, mechanism.free]))
-    B = _numbers(np.linalg.solve(C[:, dependent], b - J @ X))
-    return Reduction(W, X, A, B)
+    C = rewritten('C', J @ W)
+    D = rewritten('D', inverse(C[:, dependent]))
+    A = rewritten('A', -(D @ C[:, mechanism.free]))
+    B = rewritten('B', D @ (b - J @ X))
+    return Reduction(W, X, A, B, D)
 
 
 def dependent_places(mechanism: 'Mechanism') -> list[int]:
@@ -66,50 +102,71 @@ def dependent_places(mechanism: 'Mechanism') -> list[int]:
     return [r for r in range(mechanism.model.n) if r not in mechanism.free]
 
 
-def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Array) -> Array:
+def in_all_speeds(mechanism: 'Mechanism', independent: Vector,
+                  dependent: Vector) -> Vector:
+    """Return quantities of all speeds, (n_q,), in their order."""
+    places = [*mechanism.free, *dependent_places(mechanism)]
+    both = np.concatenate([independent, dependent])
+    return both[np.argsort(places)]
+
+
+def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Vector) -> Vector:
     """Return all speeds, (n_q,), from the independent ones."""
-    result = np.empty(mechanism.model.n)
-    result[mechanism.free] = u
-    result[dependent_places(mechanism)] = parts.A @ u + parts.B
-    return result
+    return in_all_speeds(mechanism, u, parts.A @ u + parts.B)
 
 
-def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
-                 t: float = 0.0) -> tuple[Array, Array]:
-    """Return q' and q'', (n_q,), with the time derivatives of A, B, Y and Z."""
+def joint_rates(parts: Reduction, speeds: Vector) -> Vector:
+    """Return q', (n_q,), for all speeds, (n_q,)."""
+    rates_of_joints: Vector = parts.W @ speeds + parts.X
+    return rates_of_joints
+
+
+def drift(mechanism: 'Mechanism', parts: Reduction, q: Vector, qdot: Vector, u: Vector,
+          t: Scalar = 0.0) -> Drift:
+    """Return the accelerations by the time derivatives of A, B, Y and Z."""
     free = mechanism.free
     dependent = dependent_places(mechanism)
-    parts = reduction(mechanism, q, t)
-    W, A, B = parts.W, parts.A, parts.B
-    qdot = W @ all_speeds(mechanism, parts, u) + parts.X
+    W, A, B, D = parts.W, parts.A, parts.B, parts.D
 
     # Time derivatives along the motion, by dual numbers.
     q_moving = moving(q, coordinate_rates(mechanism.model, q, qdot))
     t_moving = moving(t, 1.0)
     Y_moving, Z_moving = mechanism.speeds.of(q_moving, t_moving)
-    Y_rate = _numbers(rates(Y_moving))
-    Z_rate = _numbers(rates(Z_moving))
+    Y_rate = rates(Y_moving)
+    Z_rate = rates(Z_moving)
     rows = mechanism.rows(mechanism.state(q_moving, t_moving))
-    J_rate = _numbers(rates(rows.J[mechanism.kept]))
-    b_rate = _numbers(rates(rows.b[mechanism.kept]))
+    J_rate = rates(rows.J[mechanism.kept])
+    b_rate = rates(rows.b[mechanism.kept])
 
     # C = J W, and W' = -W Y' W since W Y = 1; X = -W Z.
     J, _ = _rows(mechanism, q, t)
-    Z = _numbers(mechanism.speeds.of(q, t)[1])
+    _, Z = mechanism.speeds.of(q, t)
     C = J @ W
-    C_rate = J_rate @ W - C @ Y_rate @ W
+    C_rate = J_rate @ W - C @ (Y_rate @ W)
 
     # The rates of C_I + C_D A = 0 and of C_D B = b + C Z.
-    C_D = C[:, dependent]
     C_D_rate = C_rate[:, dependent]
-    A_rate = -np.linalg.solve(C_D, C_rate[:, free] + C_D_rate @ A)
-    B_rate = np.linalg.solve(C_D, b_rate + C_rate @ Z + C @ Z_rate - C_D_rate @ B)
+    A_rate = -(D @ (C_rate[:, free] + C_D_rate @ A))
+    B_rate = D @ (b_rate + C_rate @ Z + C @ Z_rate - C_D_rate @ B)
 
     # u_D' = A u_I' + A' u_I + B', and q'' = W (u' - Y' q' - Z').
-    u_rate = np.empty(mechanism.model.n)
-    u_rate[free] = udot
-    u_rate[dependent] = A @ udot + A_rate @ u + B_rate
-    return qdot, W @ (u_rate - Y_rate @ qdot - Z_rate)
+    return Drift(A_rate @ u + B_rate, -(W @ (Y_rate @ qdot + Z_rate)))
+
+
+def joint_accelerations(mechanism: 'Mechanism', parts: Reduction, change: Drift,
+                        udot: Vector) -> Vector:
+    """Return q'', (n_q,), for the rates of the independent speeds."""
+    u_rate = in_all_speeds(mechanism, udot, parts.A @ udot + change.dependent)
+    return parts.W @ u_rate + change.joints
+
+
+def joint_motion(mechanism: 'Mechanism', q: Vector, u: Vector, udot: Vector,
+                 t: Scalar = 0.0) -> tuple[Vector, Vector]:
+    """Return q' and q'', (n_q,)."""
+    parts = reduction(mechanism, q, t)
+    qdot = joint_rates(parts, all_speeds(mechanism, parts, u))
+    change = drift(mechanism, parts, q, qdot, u, t)
+    return qdot, joint_accelerations(mechanism, parts, change, udot)
 
 
 def nonholonomic_force(mechanism: 'Mechanism', q: Array, force: Array,
@@ -121,7 +178,8 @@ def nonholonomic_force(mechanism: 'Mechanism', q: Array, force: Array,
     """
     parts = reduction(mechanism, q, t)
     F = parts.W.T @ force
-    return F[mechanism.free] + parts.A.T @ F[dependent_places(mechanism)]
+    total: Array = F[mechanism.free] + parts.A.T @ F[dependent_places(mechanism)]
+    return total
 
 
 def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
@@ -169,9 +227,13 @@ def motor_torques(mechanism: 'Mechanism', q: Array, tau: Array, t: float = 0.0,
     return torques
 
 
-def partial_rates(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Matrix:
+def partial_rates(mechanism: 'Mechanism', q: Vector, t: Scalar = 0.0) -> Matrix:
     """Return T, (n_q, n): joint rates per unit of each independent speed."""
-    parts = reduction(mechanism, q, t)
+    return partials_of(mechanism, reduction(mechanism, q, t))
+
+
+def partials_of(mechanism: 'Mechanism', parts: Reduction) -> Matrix:
+    """Return T, (n_q, n), of W and A."""
     W_I = parts.W[:, mechanism.free]
     W_D = parts.W[:, dependent_places(mechanism)]
     T: Matrix = W_I + W_D @ parts.A
@@ -185,12 +247,15 @@ def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
     return M
 
 
-def _rows(mechanism: 'Mechanism', q: Array, t: float) -> tuple[Array, Array]:
+def _rows(mechanism: 'Mechanism', q: Vector, t: Scalar) -> tuple[Matrix, Vector]:
     """Return J, (m, n_q), and b, (m,), of the independent constraint rows, J q' = b."""
     rows = mechanism.rows(mechanism.state(q, t))
-    return _numbers(rows.J[mechanism.kept]), _numbers(rows.b[mechanism.kept])
+    return values(rows.J[mechanism.kept]), values(rows.b[mechanism.kept])
 
 
-def _numbers(values: Matrix) -> Array:
-    """Return an array of scalars as floats."""
-    return np.array(values, dtype=np.float64)
+def inverse(A: Matrix) -> Matrix:
+    """Return A^-1: of numbers by LAPACK, of symbols by `linear_solve`."""
+    entries = values(A)  # floats, where all are
+    if entries.dtype == np.float64:
+        return np.linalg.inv(entries)
+    return linear_solve.inverse(entries).reshape(entries.shape)

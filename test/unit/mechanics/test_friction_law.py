@@ -5,7 +5,7 @@ from dataclasses import replace
 from definition import Definition
 from kane_dynamics import (absolute_rates, ComputedTorque, load_urdf, ModelBuilder,
                            MomentumObserver, Motion, Robot, rod, simulate)
-from kane_dynamics.closed_forms.closed_form import closed_form
+from kane_dynamics.closed_forms import derivation
 from kane_dynamics.errors import ConstraintError, InputError, ModelError
 from kane_dynamics.feasibility import fastest, time_optimal
 from kane_dynamics.mechanics import friction
@@ -360,19 +360,19 @@ def test_the_observer_sees_no_contact_in_a_motion_with_load_friction():
     assert np.abs(residual).max() < 2e-3 * np.abs(run.tau).max()
 
 
-def test_closed_forms_have_all_terms_but_load_friction():
+def test_derivations_have_all_terms_but_load_friction():
     b = ModelBuilder('wheel')
     law = {name: value for name, value in LAW.items() if 'load' not in name}
     b.body('wheel', inertial=rod(3.0, (-1, 0, 0), (1, 0, 0)), **law)
-    form = closed_form(b.model())
     robot = Robot(b.model())
+    form = derivation(robot)
     values = {p.symbol: p.value for p in form.parameters}
     for u in (-0.7, 0.02, 1.3):
         bias = float(form.bias[0].subs(values).subs(form.u[0], u))
         assert bias == pytest.approx(robot.bias_force([0.0], [u])[0], rel=1e-12)
     b.joint('wheel', load_friction=0.1)
     with pytest.raises(InputError, match=r'load friction 0\.1'):
-        closed_form(b.model())
+        derivation(Robot(b.model()))
 
 
 def test_supplement_states_all_terms(tmp_path):

@@ -1,0 +1,477 @@
+"""
+The derivation of a mechanism's equations of motion on paper, step by step.
+
+The functions of `mechanics.definition` run over SymPy symbols. Long entries of the
+coefficients W, X, A, B and of accelerations get letters, as in the book, so that every
+further expression is a short polynomial in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
+from kane_dynamics.closed_forms.auxiliary_speeds import with_auxiliary_speeds
+from kane_dynamics.closed_forms.polynomials import operations, shortened
+from kane_dynamics.closed_forms.symbolic import (
+    Parameter, ParameterSymbols, scalar, symbolic_mechanism, symbols, unwrapped)
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
+from kane_dynamics.mechanics.friction import refuse_load_friction
+from kane_dynamics.model.model import Frame, WORLD
+from kane_dynamics.native.tracing.program import OperationCount
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+import sympy as sp
+
+MOST = 9  # coordinates; the derivation of more is too long to read
+LONG = 6  # operations; coefficients with more get a letter
+OWN = 'own'
+
+
+@hinting
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """
+    The steps of Kane's method for one mechanism, as SymPy objects.
+
+    Attributes
+    ----------
+    robot : Robot
+    q, u, udot : tuples of symbols
+        Coordinates; all n_j generalized speeds, and their rates.
+    free, dependent : lists of int
+        Places in u of the n independent and the m dependent speeds.
+    torques, wrench : tuples of symbols
+        Of the actuated joints; forces and moments of the wrench frames, in their order.
+    parameters : list of Parameter
+        Those that appear.
+    letters : dict of symbol to expression
+        Letters of long coefficients, in the order of their evaluation, and the dependent
+        speeds.
+    conditions : tuple of expressions
+        They are positive where the equations hold.
+    Y, Z, W, X : SymPy matrices
+        u = Y q' + Z of the joint rates q', and q' = W u + X.
+    A, B : SymPy matrices
+        u_D = A u_I + B, and u_D' = A u_I' + drift.
+    drift : (m, 1) SymPy Matrix
+    qdot : (n_q, 1) SymPy Matrix
+        Kinematical differential equations.
+    axes : str
+        'own', 'world' or a frame: the axes of the vectors of all bodies and points.
+    velocities, accelerations : dicts of str to (6, 1) SymPy Matrix
+        By body or point: omega, then v (of the center of mass); alpha, then a.
+    holonomic, partials : dicts of str to (6, n_j) and (6, n) SymPy Matrix
+        Partial velocities of all speeds, and those of the independent speeds under the
+        constraints.
+    active : dict of str to (n, 1) SymPy Matrix
+        Generalized active forces by source.
+    M, inertia_bias : (n, n), (n, 1) SymPy Matrix
+        Generalized inertia forces: F* = -(M u_I' + inertia_bias).
+    energy : (n, 1) SymPy Matrix or None
+        F* by variations of vectors, an independent derivation.
+    auxiliary : dict of str to expression
+        Constraint forces and moments by name, in terms of udot.
+    operations_before : OperationCount
+        Operations of M and bias as the sums over bodies give them.
+
+    """
+
+    robot: Robot
+    q: tuple[Any, ...]
+    u: tuple[Any, ...]
+    udot: tuple[Any, ...]
+    free: list[int]
+    dependent: list[int]
+    torques: tuple[Any, ...]
+    wrench: tuple[Any, ...]
+    parameters: list[Parameter]
+    letters: dict[Any, Any]
+    conditions: tuple[Any, ...]
+    Y: Any
+    Z: Any
+    W: Any
+    X: Any
+    A: Any
+    B: Any
+    drift: Any
+    qdot: Any
+    axes: str
+    velocities: dict[str, Any]
+    holonomic: dict[str, Any]
+    partials: dict[str, Any]
+    accelerations: dict[str, Any]
+    active: dict[str, Any]
+    M: Any
+    inertia_bias: Any
+    energy: Any
+    auxiliary: dict[str, Any]
+    operations_before: OperationCount
+
+    @property
+    def bias(self) -> Any:
+        """Return the bias force, (n, 1): M u_I' + bias = tau + external."""
+        total = self.inertia_bias
+        for source in ('gravity', 'springs', 'friction'):
+            if source in self.active:
+                total = total - self.active[source]
+        return total
+
+    @property
+    def right_side(self) -> Any:
+        """Return f, (n, 1), of M u_I' = f: the sum of all forces at u_I' = 0."""
+        total = -self.inertia_bias
+        for force in self.active.values():
+            total = total + force
+        return total
+
+    @property
+    def inertia_force(self) -> Any:
+        """Return F*, (n, 1)."""
+        udot = sp.Matrix([self.udot[r] for r in self.free])
+        return -(self.M * udot + self.inertia_bias)
+
+    @property
+    def speeds_of_tables(self) -> list[int]:
+        """Return the places in u of the columns of `partials`: auxiliary ones last."""
+        return [*self.free, *range(len(self.udot), len(self.u))]
+
+    @property
+    def symbols_of_equations(self) -> set[Any]:
+        """Return the symbols of all steps, and of the letters that they contain."""
+        matrices = [self.M, self.right_side, self.qdot, self.Y, self.Z, self.A, self.B,
+                    self.drift, *self.active.values(), *self.velocities.values(),
+                    *self.partials.values(), *self.accelerations.values(),
+                    sp.Matrix(list(self.auxiliary.values()))]
+        found: set[Any] = set()
+        for matrix in matrices:
+            found |= matrix.free_symbols
+        for symbol, expression in reversed(self.letters.items()):
+            if symbol in found:
+                found |= expression.free_symbols
+        return found
+
+    def expanded(self, expression: Any) -> Any:
+        """Return an expression or matrix in q, u_I, t and parameters, without letters."""
+        for symbol in reversed(self.letters):
+            expression = expression.subs(symbol, self.letters[symbol])
+        return expression
+
+
+class _Paper:
+    """Shortens expressions, and gives letters to long ones."""
+
+    def __init__(self, q: Sequence[Any], speeds: Sequence[Any],
+                 at: Mapping[Any, float], progress: Callable[[float], object]) -> None:
+        """Start without letters; `at` are numbers at which signs are chosen."""
+        self.letters: dict[Any, Any] = {}
+        self.conditions: dict[Any, None] = {}
+        self._q = q
+        self._speeds = speeds
+        self._at = at
+        self._progress = progress
+
+    def short(self, array: Any) -> Any:
+        """Return the shortest forms of an array of scalars as a SymPy matrix."""
+        entries = np.asarray(array, dtype=object)
+        expressions = [self._signed(unwrapped(x)) for x in entries.ravel()]
+        rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
+        result = sp.Matrix(rows, columns, shortened(expressions, self._q, self._speeds))
+        self._progress(0.5)
+        return result
+
+    def symmetric(self, array: Any) -> Any:
+        """Return the shortest forms of a symmetric array; equal entries are shared."""
+        n = len(array)
+        upper = [(r, s) for r in range(n) for s in range(r, n)]
+        entries = dict(zip(upper, self.short(np.array([array[k] for k in upper]))))
+        return sp.Matrix(n, n, lambda r, s: entries[min(r, s), max(r, s)])
+
+    def lettered(self, name: str, array: Any) -> Any:
+        """Return the entries of an array, long ones and quotients as letters."""
+        source = np.asarray(array, dtype=object)
+        result = np.empty(source.shape, dtype=object)
+        short = self.short(source)
+        for place, expression in zip(np.ndindex(source.shape), short, strict=True):
+            index = ''.join(str(k + 1) for k in place)
+            if sp.count_ops(expression) > LONG or _is_quotient(expression):
+                symbol = sp.Symbol(f'{name}{index}', real=True)
+                self.letters[symbol] = expression
+                expression = symbol
+            result[place] = scalar(expression)
+        return result
+
+    def _signed(self, expression: Any) -> Any:
+        """Return an expression without |x| of functions of q, and note the sign of x."""
+        for part in expression.atoms(sp.Abs):
+            inner = part.args[0]
+            if inner.free_symbols & set(self._speeds):
+                continue
+            sign = -1 if inner.subs(self._at) < 0 else 1
+            self.conditions[sign * inner] = None
+            expression = expression.xreplace({part: sign * inner})
+        return expression
+
+
+def _is_quotient(expression: Any) -> bool:
+    """Return whether an expression divides by something else than a number."""
+    return any(power.exp.is_negative and power.base.free_symbols
+               for power in expression.atoms(sp.Pow))
+
+
+@hinting
+def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
+               points: Sequence[str] = (), auxiliary: Sequence[str] = (),
+               energy: bool = False, near: Any = None,
+               progress: Callable[[float], object] = lambda done: None) -> Derivation:
+    """
+    Derive the equations of motion of a mechanism by Kane's method.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of any kind, with its generalized speeds and constraints.
+    numbers : bool
+        Keep the mechanism's numbers instead of symbols for them.
+    axes : str
+        Axes of the vectors: 'own' (of each body), 'world', or a frame.
+    points : sequence of str
+        Frames whose origins are points of the tables.
+    auxiliary : sequence of str
+        Constraint forces to bring into evidence: names of constraint rows, or
+        '<joint>:<direction>' with a direction x, y, z, rx, ry, rz of the joint's body.
+    energy : bool
+        Derive F* by variations of vectors, too.
+    near : (n_q,) array_like, optional
+        Configuration at which signs of square roots are those of the equations. Default:
+        the robot's.
+    progress : callable
+        Called with the finished fraction of the work.
+
+    Raises
+    ------
+    InputError
+        Too many coordinates or terms, load friction, or an unknown frame or force.
+
+    """
+    instance(robot, Robot, 'robot')
+    name = robot.model.name
+    if robot.friction:
+        refuse_load_friction(robot.model, f"derivation of '{name}'")
+    if not 0 < robot.n_q <= MOST:
+        raise InputError(f"derivation of '{name}': {robot.n_q} coordinates; expected 1 "
+                         f'to {MOST}: choose fewer with --joints, --base or --tip')
+    # The mechanism of numbers, with a speed for each reaction, then that of symbols.
+    rows = [force for force in auxiliary if force in robot.mechanism.labels]
+    reactions = [force for force in auxiliary if force not in rows]
+    numeric = with_auxiliary_speeds(robot.mechanism, reactions)
+    table = ParameterSymbols(numbers)
+    mechanism = symbolic_mechanism(numeric, table, reactions)
+    model = mechanism.model
+    free = numeric.free
+    dependent = nonholonomic.dependent_places(numeric)
+    count = robot.model.n  # speeds without those of reactions
+
+    q_symbols, q = symbols(f'q{k + 1}' for k in range(robot.n_q))
+    u_symbols, u = symbols(f'u{r + 1}' for r in range(model.n))
+    udot_symbols, udot = symbols(f'udot{r + 1}' for r in range(count))
+    t = symbols(['t'])[1][0]
+    at_rest = np.zeros(len(reactions)).astype(object)
+    q = np.concatenate([q, at_rest])
+    values = {parameter.symbol: parameter.value
+              for parameter in table.parameters.values()}
+    values.update(zip(q_symbols, _configuration(robot, near)))
+    values[t.value] = 0.0
+    paper = _Paper(q_symbols, u_symbols, values, progress)
+
+    # Step 1: generalized speeds and kinematical differential equations, constraints.
+    Y, Z = mechanism.speeds.of(q, t)
+    parts = nonholonomic.reduction(mechanism, q, t, paper.lettered)
+    T = nonholonomic.partials_of(mechanism, parts)
+    moving_u = np.concatenate([u[:count], at_rest])
+    u_I = moving_u[free]
+    for place, expression in zip(dependent, paper.short(parts.A @ u_I + parts.B)):
+        paper.letters[u_symbols[place]] = expression
+    joint_rates = nonholonomic.joint_rates(parts, moving_u)
+    qdot = coordinate_rates(model, q, joint_rates)
+
+    # Step 2: velocities and partial velocities of bodies with mass, and of points.
+    places = _places(model, points)
+    bodies = kinematics.configurations(model, q)
+    holonomic = {}
+    partials = {}
+    velocities = {}
+    turned = {}
+    for label, frame in places.items():
+        R = _axes(model, q, bodies, axes, frame)
+        turned[label] = np.block([[np.zeros((3, 3)), R.T], [R.T, np.zeros((3, 3))]])
+        by_joints = turned[label] @ kinematics.frame_partial_velocities(
+            model, frame, q, bodies=bodies)
+        holonomic[label] = paper.short(by_joints @ parts.W)
+        partials[label] = paper.short(by_joints @ T)
+        velocity = by_joints @ (parts.W @ u + parts.X)
+        velocities[label] = paper.short(velocity)
+
+    # Step 3: accelerations, with u_D' = A u_I' + drift.
+    change = nonholonomic.drift(mechanism, parts, q, joint_rates, u_I, t)
+    change = nonholonomic.Drift(paper.lettered('U', change.dependent),
+                                paper.lettered('V', change.joints))
+    at_rest_I = np.zeros(len(free)).astype(object)
+    bias_accelerations = nonholonomic.joint_accelerations(mechanism, parts, change,
+                                                          at_rest_I)
+    all_udot = np.concatenate([udot, at_rest])[free]
+    joint_accelerations = nonholonomic.joint_accelerations(mechanism, parts, change,
+                                                           all_udot)
+    accelerations = {}
+    for label, frame in places.items():
+        _, acceleration = kinematics.frame_motion(model, frame, q, joint_rates,
+                                                  joint_accelerations)
+        accelerations[label] = paper.short(turned[label] @ acceleration)
+
+    # Step 4: generalized active forces by source, and generalized inertia forces.
+    torque_symbols, torques = _torques(robot)
+    active = {}
+    for source, force in _active_forces(robot, model, q, joint_rates, torques).items():
+        active[source] = paper.short(T.T @ force)
+    active = {source: force for source, force in active.items()
+              if not force.is_zero_matrix}
+    M_raw = T.T @ kane.mass_matrix(model, q) @ T
+    inertia = -kane.generalized_inertia_force(model, q, joint_rates, bias_accelerations)
+    inertia_raw = T.T @ inertia
+    M = paper.symmetric(M_raw)
+    inertia_bias = paper.short(inertia_raw)
+    n = len(free) - len(reactions)
+
+    # Step 5: the constraint forces, each by the equation of its auxiliary speed.
+    auxiliary_forces = {}
+    for k, force in enumerate(reactions, n):
+        total = M[k, :n] @ sp.Matrix([udot_symbols[r] for r in free[:n]])
+        total = total[0] + inertia_bias[k]
+        auxiliary_forces[force] = total - sum(part[k] for part in active.values())
+    joint_force = kane.generalized_inertia_force(model, q, joint_rates,
+                                                 joint_accelerations)
+    for force in rows:
+        k = _kept_row(robot, force)
+        N = parts.W[:, dependent] @ parts.D[:, k]
+        total = N @ (joint_force + sum(_active_forces(robot, model, q, joint_rates,
+                                                      torques).values()))
+        auxiliary_forces[force] = paper.short(np.array([-total]))[0]
+
+    before = [unwrapped(x) for x in [*M_raw.ravel(), *inertia_raw]]
+
+    def independent(matrix: Any) -> Any:
+        return matrix[:n, :] if matrix.shape[1] == 1 else matrix[:n, :n]
+    active = {source: independent(force) for source, force in active.items()}
+    result = Derivation(
+        robot=robot, q=q_symbols, u=u_symbols, udot=udot_symbols, free=free[:n],
+        dependent=dependent, torques=torque_symbols, wrench=tuple(unwrapped(x) for x in _wrench(robot).ravel()), parameters=[], letters=paper.letters,
+        conditions=tuple(paper.conditions), Y=paper.short(Y[:count, :count]),
+        Z=paper.short(Z[:count]),
+        W=_matrix(parts.W), X=_matrix(parts.X), A=_matrix(parts.A[:, :n]),
+        B=_matrix(parts.B), drift=_matrix(change.dependent), qdot=paper.short(qdot[:robot.n_q]),
+        axes=axes, velocities=velocities, holonomic=holonomic, partials=partials,
+        accelerations=accelerations, active=active, M=independent(M),
+        inertia_bias=independent(inertia_bias), energy=None,
+        auxiliary=auxiliary_forces, operations_before=operations(before))
+    used = result.symbols_of_equations
+    result.parameters.extend(parameter for parameter in table.parameters.values()
+                             if parameter.symbol in used)
+    return result
+
+
+def _configuration(robot: Robot, near: Any) -> Array:
+    """Return the configuration at which signs are chosen, (n_q,)."""
+    if near is None:
+        near = robot.configuration
+    return robot.neutral() if near is None else np.asarray(near, dtype=np.float64)
+
+
+def _places(model: Any, points: Sequence[str]) -> dict[str, Frame]:
+    """Return frames at the centers of mass of bodies with mass, and at the points."""
+    places = {}
+    for k, body in enumerate(model.bodies):
+        if unwrapped(body.inertial.mass) == 0 and not np.any(body.inertial.inertia):
+            continue
+        place = copy(Frame(body.name, k))
+        freeze(place, 'translation', body.inertial.com)
+        places[body.name] = place
+    for point in points:
+        places[f'point {point}'] = model.frame(point)
+    return places
+
+
+def _axes(model: Any, q: Any, bodies: Any, axes: str, frame: Frame) -> Any:
+    """Return the axes of the vectors of a body or point, (3, 3), columns."""
+    if axes == 'world' or (axes == OWN and frame.body == WORLD):
+        return np.eye(3)
+    if axes == OWN:
+        return bodies[frame.body].R_wb
+    R, _ = kinematics.frame_pose(model, model.frame(axes), q, bodies)
+    return R
+
+
+def _torques(robot: Robot) -> tuple[Any, Any]:
+    """Return symbols of the torques of actuated joints, and those of all joints."""
+    names = robot.model.joint_names
+    plain: list[Any] = []
+    torques = np.zeros(len(names)).astype(object)
+    for k, joint in enumerate(names):
+        if joint in robot.actuated_names:
+            symbol, torque = symbols([f'T{k + 1}'])
+            plain += symbol
+            torques[k] = torque[0]
+    return tuple(plain), torques
+
+
+def _active_forces(robot: Robot, model: Any, q: Any, joint_rates: Any,
+                   torques: Any) -> dict[str, Any]:
+    """Return the generalized active forces of the joint rates by source, (n_j,) each."""
+    none = np.zeros(3)
+
+    def force(**options: Any) -> Any:
+        return kane.generalized_active_force(model, q, joint_rates, gravity=none,
+                                             **options)
+    springs = force(friction=False)
+    forces = {'gravity': -kane.gravity_force(model, q), 'springs': springs}
+    if robot.friction:
+        forces['friction'] = force(friction=True) - springs
+    more = np.zeros(model.n - len(torques)).astype(object)
+    forces['actuators'] = np.concatenate([torques, more])
+    for frame, wrench in zip(robot.options['wrench_frames'], _wrench(robot)):
+        of_frame = {frame: (wrench[:3], wrench[3:])}
+        forces[f'wrench at {frame}'] = force(friction=False, wrenches=of_frame) - springs
+    return forces
+
+
+def _wrench(robot: Robot) -> Any:
+    """Return forces and moments of the wrench frames, (k, 6)."""
+    names = []
+    for k in range(1, len(robot.options['wrench_frames']) + 1):
+        names += [f'{letter}{axis}{k}' for letter in 'FM' for axis in 'xyz']
+    return symbols(names)[1].reshape(-1, 6)
+
+
+def _kept_row(robot: Robot, name: str) -> int:
+    """Return the place of a constraint row; InputError for a redundant one."""
+    mechanism = robot.mechanism
+    row = mechanism.labels.index(name)
+    if row not in mechanism.kept:
+        kept = ', '.join(mechanism.labels[k] for k in mechanism.kept)
+        raise InputError(f"auxiliary: '{name}', a redundant row, whose force is not "
+                         f'determined; expected one of {kept}')
+    return mechanism.kept.index(row)
+
+
+def _matrix(array: Any) -> Any:
+    """Return an array of scalars as a SymPy matrix; a vector as a column."""
+    entries = np.asarray(array, dtype=object)
+    rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
+    return sp.Matrix(rows, columns, [unwrapped(x) for x in entries.ravel()])

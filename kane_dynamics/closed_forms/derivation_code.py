@@ -1,0 +1,161 @@
+"""Equations of a derivation as straight-line code, in Python and C99, and its size."""
+
+from collections.abc import Mapping
+import re
+from typing import Any
+
+from kane_dynamics.closed_forms.derivation import Derivation
+from kane_dynamics.closed_forms.polynomials import operations
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.tracing.program import OperationCount
+import sympy as sp
+from sympy.printing.c import C99CodePrinter
+from sympy.printing.pycode import PythonCodePrinter
+
+LANGUAGES = ('python', 'c')
+Assignments = list[tuple[Any, Any]]
+
+
+class Program:
+    """
+    Assignments, each symbol after those that it needs, and results by name.
+
+    Attributes
+    ----------
+    assignments : list of (symbol, expression)
+        Common subexpressions, letters and dependent speeds.
+    results : dict of str to SymPy Matrix
+
+    """
+
+    def __init__(self, letters: Mapping[Any, Any], results: Mapping[str, Any]) -> None:
+        """Share common subexpressions, and leave out letters that are not needed."""
+        expressions = [*letters.values()]
+        for matrix in results.values():
+            expressions += list(matrix)
+        shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols('x'), order='none')
+        values = dict(shared)
+        values.update(zip(letters, reduced))
+        self.results = {}
+        begin = len(letters)
+        for name, matrix in results.items():
+            entries = reduced[begin:begin + len(matrix)]
+            self.results[name] = sp.Matrix(*matrix.shape, entries)
+            begin += len(matrix)
+        self.assignments: Assignments = []
+        self._known: set[Any] = set()
+        for matrix in self.results.values():
+            for entry in matrix:
+                self._assign(entry, values)
+
+    def _assign(self, expression: Any, values: Mapping[Any, Any]) -> None:
+        """Append the assignments that an expression needs, in their order."""
+        for symbol in sorted(expression.free_symbols, key=sp.default_sort_key):
+            if symbol in values and symbol not in self._known:
+                self._known.add(symbol)
+                self._assign(values[symbol], values)
+                self.assignments.append((symbol, values[symbol]))
+
+    def operations(self) -> OperationCount:
+        """Return the operation count of one evaluation."""
+        expressions = [value for _, value in self.assignments]
+        for matrix in self.results.values():
+            expressions += list(matrix)
+        return operations(expressions)
+
+
+def equations_of_motion(form: Derivation) -> dict[str, Any]:
+    """Return q', M and f of M u_I' = f, and the constraint forces, by name."""
+    results = {'qdot': form.qdot, 'M': form.M, 'f': form.right_side}
+    if form.auxiliary:
+        results['forces'] = sp.Matrix(list(form.auxiliary.values()))
+    return results
+
+
+def as_code(form: Derivation, language: str) -> str:
+    """
+    Return a function that evaluates the equations of motion.
+
+    Parameters
+    ----------
+    form : Derivation
+    language : 'python' or 'c'
+        C99 with the functions of math.h.
+
+    Raises
+    ------
+    InputError
+        An unknown language.
+
+    """
+    if language not in LANGUAGES:
+        raise InputError(f'language: {language!r}; expected one of '
+                         f'{", ".join(LANGUAGES)}')
+    program = Program(form.letters, equations_of_motion(form))
+    # Arguments: symbols in the order of their entries.
+    arguments = {'q': form.q, 'u': [form.u[r] for r in form.free]}
+    if form.torques:
+        arguments['T'] = form.torques
+    if form.wrench:
+        arguments['wrench'] = form.wrench
+    if form.auxiliary:
+        arguments['udot'] = [form.udot[r] for r in form.free]
+    name = re.sub(r'\W', '_', form.robot.model.name)
+    write = _python if language == 'python' else _c
+    return write(f'dynamics_of_{name}', form, arguments, program)
+
+
+def _python(name: str, form: Derivation, arguments: Mapping[str, Any],
+            program: Program) -> str:
+    """Return a function of Python."""
+    printer = PythonCodePrinter({'fully_qualified_modules': False})
+    lines = []
+    for argument, symbols in arguments.items():
+        lines.append(f'{", ".join(map(str, symbols))}, = {argument}')
+    lines += [f'{parameter.symbol} = {parameter.value!r}  # {parameter.unit}'
+              for parameter in form.parameters]
+    lines += [f'{symbol} = {printer.doprint(value)}'
+              for symbol, value in program.assignments]
+    for result, matrix in program.results.items():
+        rows = [f'[{", ".join(map(printer.doprint, row))}]' for row in matrix.tolist()]
+        if result != 'M':  # a column
+            rows = [row[1:-1] for row in rows]
+        lines.append(f'{result} = [{", ".join(rows)}]')
+    lines.append(f'return {", ".join(program.results)}')
+    # What the lines use of math.
+    used = sorted({word for names in printer.module_imports.values() for word in names})
+    head = f'from math import {", ".join(used)}\n\n\n' if used else ''
+    body = '\n'.join(f'    {line}' for line in lines)
+    return f'{head}def {name}({", ".join(arguments)}, t=0.0):\n{body}\n'
+
+
+class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
+    """C99 with small powers as products."""
+
+    def _print_Pow(self, expr: Any) -> str:  # noqa: N802
+        if expr.exp in (2, 3):
+            product = sp.Mul(*[expr.base] * int(expr.exp), evaluate=False)
+            return str(self._print(product))
+        return str(super()._print_Pow(expr))
+
+
+def _c(name: str, form: Derivation, arguments: Mapping[str, Any],
+       program: Program) -> str:
+    """Return a function of C99; matrices by rows."""
+    printer = _C()
+    lines = []
+    for argument, symbols in arguments.items():
+        lines += [f'const double {symbol} = {argument}[{k}];'
+                  for k, symbol in enumerate(symbols)]
+    lines += [f'const double {parameter.symbol} = {parameter.value!r};'
+              for parameter in form.parameters]
+    lines += [f'const double {symbol} = {printer.doprint(value)};'
+              for symbol, value in program.assignments]
+    for result, matrix in program.results.items():
+        lines += [f'{result}[{k}] = {printer.doprint(entry)};'
+                  for k, entry in enumerate(matrix)]
+    inputs = [f'const double *{argument}' for argument in arguments]
+    outputs = [f'double *{result}' for result in program.results]
+    body = '\n'.join(f'    {line}' for line in lines)
+    signature = ', '.join([*inputs, 'double t', *outputs])
+    return f'#include <math.h>\n\nvoid {name}({signature})\n{{\n{body}\n}}\n'

@@ -1,0 +1,286 @@
+"""Derivations on paper, evaluated with numbers, agree with Kane's definition."""
+
+import warnings
+
+from kane_dynamics import Inertial, InputError, ModelBuilder, Robot
+from kane_dynamics.closed_forms import derivation, polynomials
+from kane_dynamics.closed_forms.derivation_code import as_code, Program
+from kane_dynamics.closed_forms.derivation_text import (as_csv, as_data, as_latex,
+                                                        as_markdown, as_text)
+from kane_dynamics.closed_forms.polynomials import shortened
+from kane_dynamics.closed_forms.symbolic import exact, Symbolic, symbols, unwrapped
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
+from mechanisms import random_model
+import numpy as np
+import paper_mechanisms
+import pytest
+import sympy as sp
+
+with warnings.catch_warnings():
+    warnings.simplefilter('ignore')
+    ROBOTS = paper_mechanisms.mechanisms()
+
+
+def function_of(form):
+    """Return the function that the derivation prints as Python."""
+    names = {}
+    exec(as_code(form, 'python'), names)  # noqa: S102
+    return next(value for name, value in names.items() if name.startswith('dynamics_of'))
+
+
+def close(got, expected, tolerance=1e-12):
+    """Check an array relative to its largest entry."""
+    size = max(np.abs(expected).max(initial=0.0), 1e-3)
+    np.testing.assert_allclose(np.array(got, dtype=float), expected, rtol=0.0,
+                               atol=tolerance * size)
+
+
+def test_sixty_mechanisms_are_derived():
+    assert len(ROBOTS) >= 60
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_the_printed_equations_are_the_definition(name):
+    robot = ROBOTS[name]
+    form = derivation(robot)
+    function = function_of(form)
+    mechanism = robot.mechanism
+    model = robot.model
+    rng = np.random.default_rng(1)
+    for seed in range(3):
+        q, u, t = paper_mechanisms.state(robot, seed)
+        torques = np.zeros(model.n)
+        places = [int(str(symbol)[1:]) - 1 for symbol in form.torques]
+        torques[places] = rng.normal(size=len(places))
+        arguments = {'T': torques[places], 't': t}
+        wrenches = None
+        if form.wrench:
+            wrench = arguments['wrench'] = rng.normal(size=6)
+            wrenches = {'tip': (wrench[:3], wrench[3:])}
+        qdot, M, f = function(q, u, **arguments)
+
+        # The definition on numbers: the sums over bodies, projected on the speeds.
+        rates, bias_rates = nonholonomic.joint_motion(mechanism, q, u,
+                                                      np.zeros(robot.n), t)
+        force = kane.generalized_active_force(model, q, rates, tau=torques,
+                                              wrenches=wrenches)
+        force = force + kane.generalized_inertia_force(model, q, rates, bias_rates)
+        close(qdot, coordinate_rates(model, q, rates))
+        close(M, nonholonomic.mass_matrix(mechanism, q, t))
+        close(f, nonholonomic.nonholonomic_force(mechanism, q, force, t))
+
+
+@pytest.mark.parametrize('axes', ['own', 'world', 'bar0'])
+@pytest.mark.parametrize('name', ['zyy False', 'zy rheonomic', 'point'])
+def test_tables_hold_the_velocities_and_accelerations_in_the_chosen_axes(name, axes):
+    robot = ROBOTS[name]
+    form = derivation(robot, axes=axes, points=['tip'])
+    results = {}
+    for kind in ('velocities', 'accelerations', 'partials'):
+        for label, matrix in getattr(form, kind).items():
+            results[f'{kind} {label}'] = matrix
+    program = Program(form.letters, results)
+    q, u, t = paper_mechanisms.state(robot)
+    udot = np.linspace(1.0, 2.0, robot.n)
+    values = dict(zip(form.q, q)) | {p.symbol: p.value for p in form.parameters}
+    values |= {form.u[r]: x for r, x in zip(form.free, u)}
+    values |= {form.udot[r]: x for r, x in zip(form.free, udot)}
+    values[sp.Symbol('t', real=True)] = t
+    for symbol, expression in program.assignments:
+        values[symbol] = expression.subs(values)
+    rates, accelerations = nonholonomic.joint_motion(robot.mechanism, q, u, udot, t)
+    model = robot.model
+    bodies = kinematics.configurations(model, q)
+    T = nonholonomic.partial_rates(robot.mechanism, q, t)
+    for k, (body, motion) in enumerate(zip(
+            model.bodies, kinematics.motions(model, bodies, q, rates, accelerations))):
+        R = {'own': bodies[k].R_wb, 'world': np.eye(3), 'bar0': bodies[0].R_wb}[axes]
+        place = bodies[k]
+        partials = np.concatenate([place.partial_angular_velocity @ R,
+                                   place.partial_velocity @ R], axis=1).T @ T
+        for kind, expected in (
+                ('velocities', [*(R.T @ motion.omega), *(R.T @ motion.v_com)]),
+                ('accelerations', [*(R.T @ motion.alpha), *(R.T @ motion.a_com)]),
+                ('partials', partials.ravel())):
+            got = program.results[f'{kind} {body.name}'].subs(values)
+            close(list(got), expected)
+    velocity, _ = kinematics.frame_motion(model, model.frame('tip'), q, rates, rates)
+    close(list(program.results['velocities point tip'].subs(values))[3:],
+          {'own': bodies[-1].R_wb, 'world': np.eye(3),
+           'bar0': bodies[0].R_wb}[axes].T @ velocity[:3])
+
+
+@pytest.mark.parametrize('name', ['four-bar revolute', 'sleigh', 'point', 'disc'])
+def test_forces_of_constraint_rows_are_those_of_the_robot(name):
+    robot = ROBOTS[name]
+    kept = [robot.mechanism.labels[k] for k in robot.mechanism.kept]
+    form = derivation(robot, auxiliary=kept)
+    q, u, t = paper_mechanisms.state(robot)
+    tau = np.linspace(0.5, 1.0, robot.n)
+    udot = robot.forward_dynamics(q, u, tau)
+    torques = robot.joint_torques(tau, q)
+    torques = torques[[int(str(symbol)[1:]) - 1 for symbol in form.torques]]
+    *_, forces = function_of(form)(q, u, torques, udot, t=t)
+    expected = robot.constraint_forces(q, u, tau)[robot.mechanism.kept]
+    close(forces, expected, 1e-10)  # of forward dynamics: its conditioning
+
+
+def test_a_reaction_of_a_joint_is_that_of_the_robot():
+    robot = ROBOTS['zyy False']
+    directions = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+    for joint in robot.joint_names[:2]:
+        form = derivation(robot, auxiliary=[f'{joint}:{d}' for d in directions])
+        q, u, _ = paper_mechanisms.state(robot)
+        udot = np.array([0.3, -1.0, 2.0])
+        torques = robot.inverse_dynamics(q, u, udot)
+        *_, forces = function_of(form)(q, u, torques, udot)
+        wrench = robot.joint_reaction(joint, q, u, udot)
+        R = robot.frame_pose(joint, q)[:3, :3]  # bodies have the names of their joints
+        close(forces, np.concatenate([R.T @ wrench[:3], R.T @ wrench[3:]]), 1e-11)
+
+
+def test_all_formats_hold_the_same_equations():
+    robot = ROBOTS['sleigh']
+    form = derivation(robot)
+    count = robot.operation_count()
+    text = as_text(form, count)
+    dependent = form.u[form.dependent[0]]
+    assert '3. Constraints: ' in text and f"\n{dependent}' = " in text
+    assert as_latex(form).count(r'\[') == as_latex(form).count(r'\]') > 10
+    markdown = as_markdown(form)
+    assert '| r | omega of body | v of body |' in markdown
+    data = as_data(form, count)
+    assert sp.sympify(data['mass_matrix'][0][0]).free_symbols
+    assert set(data['letters']) == set(map(str, form.letters))
+
+
+def test_numbers_are_exact_and_printed_with_six_digits():
+    robot = ROBOTS['zy True']
+    form = derivation(robot, numbers=True)
+    q, u, _ = paper_mechanisms.state(robot)
+    _, M, f = function_of(form)(q, u, np.zeros(2))
+    close(M, robot.mass_matrix(q))
+    close(f, -robot.bias_force(q, u))
+    assert form.parameters == []
+
+
+def test_signs_of_roots_are_those_at_the_configuration_and_stated():
+    form = derivation(ROBOTS['disc'])
+    assert form.conditions == (sp.cos(form.q[4]),)
+    assert not form.M.has(sp.Abs) and not form.M.has(sp.sqrt(2))
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'auxiliary': ['bar0']}, "auxiliary: 'bar0'; expected a constraint row, or"),
+    ({'axes': 'nowhere'}, "no frame 'nowhere'"),
+    ({'points': ['nowhere']}, "no frame 'nowhere'")])
+def test_unknown_names_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        derivation(ROBOTS['yy False'], **options)
+
+
+def test_the_force_of_a_redundant_row_is_refused():
+    robot = ROBOTS['four-bar revolute']
+    name = robot.mechanism.labels[robot.mechanism.left_out[0]]
+    with pytest.raises(InputError, match=r'a redundant row.*expected one of'):
+        derivation(robot, auxiliary=[name])
+
+
+def test_a_planar_chain_comes_out_in_sums_of_its_angles():
+    b = ModelBuilder()
+    for k in range(3):
+        b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=(0, 1, 0),
+               at=(0.5, 0, 0) if k else (0, 0, 0),
+               inertial=Inertial(1 + k, (0.25, 0, 0)))
+    form = derivation(Robot(b.model(), friction=False))
+    q1, q2, q3 = form.q
+    assert form.M.free_symbols.isdisjoint({q1})
+    assert form.bias[2].coeff(form.u[0], 0).has(sp.cos(q1 + q2 + q3))
+
+
+def test_friction_is_left_in_words_and_can_be_left_out():
+    b = ModelBuilder(gravity=(0, 0, 0))
+    b.body('wheel', damping=2, friction=3, armature=0.5, stiffness=4, rest=-1)
+    model = b.model()
+    form = derivation(Robot(model))
+    d1 = sp.Symbol('d1', positive=True)
+    f1 = sp.Symbol('f1', positive=True)
+    w1 = sp.Symbol('w1', positive=True)
+    J1 = sp.Symbol('J1', positive=True)
+    k1 = sp.Symbol('k1', positive=True)
+    s1 = sp.Symbol('s1', positive=True)
+    q1 = form.q[0]
+    u1 = form.u[0]
+    spring = k1 * (q1 + s1)
+    assert form.M[0] == J1
+    assert sp.simplify(form.bias[0] - spring - d1 * u1 - f1 * sp.tanh(u1 / w1)) == 0
+    assert sp.simplify(derivation(Robot(model, friction=False)).bias[0] - spring) == 0
+
+
+def test_operations_are_counted_after_sharing():
+    b = ModelBuilder()
+    b.body('link', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
+    # M 0.5; bias -9.81 cos(q1)
+    form = derivation(Robot(b.model()), numbers=True)
+    mass_matrix = Program(form.letters, {'M': form.M}).operations()
+    bias = Program(form.letters, {'bias': form.bias}).operations()
+    assert mass_matrix.multiplications == mass_matrix.additions == 0
+    assert (bias.multiplications, bias.functions) == (1, 1)
+
+
+def test_a_massless_body_has_no_line_in_the_table():
+    b = ModelBuilder()
+    b.body('table', 'world', 'planar', inertial=Inertial(1))
+    lines = as_csv(derivation(Robot(b.model()))).splitlines()
+    assert lines[1:] == ['u1,table,0,0,0,cos(q3),-sin(q3),0',
+                         'u2,table,0,0,0,sin(q3),cos(q3),0', 'u3,table,0,0,1,0,0,0']
+
+
+def test_a_mechanism_with_many_coordinates_is_refused_with_a_way_out():
+    with pytest.raises(InputError, match=r'10 coordinates; expected 1 to 9.*--joints'):
+        derivation(Robot(random_model(0, 10)))
+
+
+def test_short_forms_are_equal_to_what_they_shorten():
+    (q1, q2, u1), _ = symbols(['q1', 'q2', 'u1'])
+    for expression, expected in (
+            (u1 * sp.sin(q1)**2 + u1 * sp.cos(q1)**2, u1),
+            (sp.cos(q1) * sp.cos(q2) - sp.sin(q1) * sp.sin(q2), sp.cos(q1 + q2)),
+            (sp.sin(q1) * sp.cos(q2), sp.sin(q1) * sp.cos(q2)),
+            (1 - sp.cos(q1)**2, sp.sin(q1)**2),
+            (sp.tanh(u1) * (sp.sin(q2)**2 - 1), -sp.tanh(u1) * sp.cos(q2)**2)):
+        assert shortened([expression], (q1, q2), (u1,)) == [expected]
+
+
+def test_terms_that_cancel_are_not_expanded_first():
+    (q1, q2, m), _ = symbols(['q1', 'q2', 'm'])
+    x = m * (sp.sqrt(6) * sp.sin(q2)).subs(q2, 2 * q1)
+    for _ in range(40):  # 2^40 terms, if they were
+        x = x * sp.sin(q1 + q2)**2 + sp.cos(q1 + q2)**2 * x
+    assert shortened([x * sp.sqrt(2)], (q1, q2)) == [2 * sp.sqrt(3) * m * sp.sin(2 * q1)]
+
+
+def test_a_closed_form_that_fills_pages_is_refused_with_a_way_out(monkeypatch):
+    monkeypatch.setattr(polynomials, 'MOST_TERMS', 5)
+    with pytest.raises(InputError,
+                       match=r'more than 5 terms; expected fewer joints .*--numbers'):
+        derivation(ROBOTS['universal'])
+
+
+def test_numbers_become_exact():
+    assert exact(0.1) == sp.Rational(1, 10)
+    assert exact(-np.sqrt(0.5)) == -sp.sqrt(2) / 2
+    assert exact(1e-7) == sp.Rational(1, 10**7)
+    x = Symbolic(sp.Symbol('x'))
+    y = (2.0 / x - x / 4.0) * np.array([1.0, 0.5])
+    assert [sp.expand(unwrapped(value) - k * (2 / x.value - x.value / 4))
+            for value, k in zip(y, (1, sp.Rational(1, 2)))] == [0, 0]
+
+
+def test_legend_names_every_axis_of_a_shared_moment_of_inertia():
+    b = ModelBuilder()
+    b.body('rod', inertial=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
+    meaning, = (p.meaning
+                for p in derivation(Robot(b.model())).parameters if p.unit == 'kg m^2')
+    assert meaning == 'central moment of inertia of rod, yy and zz'
