@@ -145,7 +145,8 @@ def constrained():
         'point', Z, angular=True, value=0.2)]
     yield 'disc', single('floating', disc(2, 0.5, Y), turns='zxy'), [
         Rolling('body', 0.5, axis=Y)]
-    yield 'ball', single('floating', disc(2, 0.5, Y), turns='zxy'), [Rolling('body', 0.5)]
+    yield 'ball', single('floating', disc(2, 0.5, Y), turns='zxy'), [
+        Rolling('body', 0.5)]
 
 
 def mechanisms():
