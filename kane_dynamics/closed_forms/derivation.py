@@ -372,7 +372,9 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
     active = {source: independent(force) for source, force in active.items()}
     result = Derivation(
         robot=robot, q=q_symbols, u=u_symbols, udot=udot_symbols, free=free[:n],
-        dependent=dependent, torques=torque_symbols, wrench=tuple(unwrapped(x) for x in _wrench(robot).ravel()), parameters=[], letters=paper.letters,
+        dependent=dependent, torques=torque_symbols,
+        wrench=tuple(map(unwrapped, _wrench(robot).ravel())), parameters=[],
+        letters=paper.letters,
         conditions=tuple(paper.conditions), Y=paper.short(Y[:count, :count]),
         Z=paper.short(Z[:count]),
         W=_matrix(parts.W), X=_matrix(parts.X), A=_matrix(parts.A[:, :n]),

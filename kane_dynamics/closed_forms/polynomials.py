@@ -50,7 +50,8 @@ class Polynomials:
                 self._rules.append((place, self.of(atom.args[0]**2)))
             elif atom.is_Pow and atom.exp == sp.S.Half:
                 self._rules.append((place, self.of(atom.base)))
-            if (1 / atom in self.generators and atom.is_Pow is False) or (atom.is_Pow and atom.exp == sp.S.Half and 1 / atom in self.generators):
+            is_inverse = atom.is_Pow and atom.exp.is_negative
+            if 1 / atom in self.generators and not is_inverse:
                 self._inverses.append((place, atoms.index(1 / atom)))
 
     def of(self, expression: Any) -> Any:
