@@ -79,6 +79,7 @@ def as_code(form: Derivation, language: str) -> str:
     Parameters
     ----------
     form : Derivation
+        The equations.
     language : 'python' or 'c'
         C99 with the functions of math.h.
 
