@@ -21,6 +21,7 @@ from kane_dynamics.closed_forms.auxiliary_speeds import with_auxiliary_speeds
 from kane_dynamics.closed_forms.polynomials import operations, shortened
 from kane_dynamics.closed_forms.symbolic import (
     Parameter, ParameterSymbols, scalar, symbolic_mechanism, symbols, unwrapped)
+from kane_dynamics.closed_forms.variations import forces_by_variations
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
@@ -76,8 +77,9 @@ class Derivation:
         Generalized active forces by source.
     M, inertia_bias : (n, n), (n, 1) SymPy Matrix
         Generalized inertia forces: F* = -(M u_I' + inertia_bias).
-    energy : (n, 1) SymPy Matrix or None
-        F* by variations of vectors, an independent derivation.
+    energy : dict of str to (n, 1) SymPy Matrix
+        F* ('inertia'), and the active force of 'gravity and springs', by variations of
+        vectors, an independent derivation; empty unless asked for.
     auxiliary : dict of str to expression
         Constraint forces and moments by name, in terms of udot.
     operations_before : OperationCount
@@ -112,7 +114,7 @@ class Derivation:
     active: dict[str, Any]
     M: Any
     inertia_bias: Any
-    energy: Any
+    energy: dict[str, Any]
     auxiliary: dict[str, Any]
     operations_before: OperationCount
 
@@ -249,7 +251,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         Constraint forces to bring into evidence: names of constraint rows, or
         '<joint>:<direction>' with a direction x, y, z, rx, ry, rz of the joint's body.
     energy : bool
-        Derive F* by variations of vectors, too.
+        Derive F*, gravity and springs by variations of vectors, too.
     near : (n_q,) array_like, optional
         Configuration at which signs of square roots are those of the equations. Default:
         the robot's.
@@ -321,9 +323,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         velocities[label] = paper.short(velocity)
 
     # Step 3: accelerations, with u_D' = A u_I' + drift.
-    change = nonholonomic.drift(mechanism, parts, q, joint_rates, u_I, t)
-    change = nonholonomic.Drift(paper.lettered('U', change.dependent),
-                                paper.lettered('V', change.joints))
+    change = nonholonomic.drift(mechanism, parts, q, joint_rates, u_I, t, paper.lettered)
     at_rest_I = np.zeros(len(free)).astype(object)
     bias_accelerations = nonholonomic.joint_accelerations(mechanism, parts, change,
                                                           at_rest_I)
@@ -367,6 +367,11 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
 
     before = [unwrapped(x) for x in [*M_raw.ravel(), *inertia_raw]]
 
+    by_energy = {}
+    if energy:
+        by_energy = forces_by_variations(model, q, joint_rates, joint_accelerations,
+                                         T[:, :n], paper.short)
+
     def independent(matrix: Any) -> Any:
         return matrix[:n, :] if matrix.shape[1] == 1 else matrix[:n, :n]
     active = {source: independent(force) for source, force in active.items()}
@@ -381,7 +386,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         B=_matrix(parts.B), drift=_matrix(change.dependent), qdot=paper.short(qdot[:robot.n_q]),
         axes=axes, velocities=velocities, holonomic=holonomic, partials=partials,
         accelerations=accelerations, active=active, M=independent(M),
-        inertia_bias=independent(inertia_bias), energy=None,
+        inertia_bias=independent(inertia_bias), energy=by_energy,
         auxiliary=auxiliary_forces, operations_before=operations(before))
     used = result.symbols_of_equations
     result.parameters.extend(parameter for parameter in table.parameters.values()

@@ -96,11 +96,12 @@ def steps(form: Derivation) -> list[Step]:
         Step('Generalized inertia forces', "F* of Kane's sums over the bodies.",
              [Equation(Name('F*', str(form.free[r] + 1)), x)
               for r, x in enumerate(form.inertia_force)])]
-    if form.energy is not None:
-        result.append(Step('Generalized inertia forces by energy',
-                           'F* by variations of vectors, an independent derivation.',
-                           [Equation(Name('F*', str(form.free[r] + 1), 0, 'energy'), x)
-                            for r, x in enumerate(form.energy)]))
+    if form.energy:
+        result.append(Step('Generalized forces by variations of vectors',
+                           'An independent derivation, with the same result.',
+                           [Equation(Name('F', str(form.free[r] + 1), 0, source), x)
+                            for source, force in form.energy.items()
+                            for r, x in enumerate(force)]))
     result.append(Step("Kane's equations", "F + F* = 0 as M u' = f.", _matrix_form(form)))
     if form.auxiliary:
         result.append(Step(

@@ -122,8 +122,12 @@ def joint_rates(parts: Reduction, speeds: Vector) -> Vector:
 
 
 def drift(mechanism: 'Mechanism', parts: Reduction, q: Vector, qdot: Vector, u: Vector,
-          t: Scalar = 0.0) -> Drift:
-    """Return the accelerations by the time derivatives of A, B, Y and Z."""
+          t: Scalar = 0.0, rewritten: Rewriting = unchanged) -> Drift:
+    """
+    Return the accelerations by the time derivatives of A, B, Y and Z.
+
+    `rewritten` may replace the entries of coefficients by equal ones, as in `reduction`.
+    """
     free = mechanism.free
     dependent = dependent_places(mechanism)
     W, A, B, D = parts.W, parts.A, parts.B, parts.D
@@ -142,7 +146,7 @@ def drift(mechanism: 'Mechanism', parts: Reduction, q: Vector, qdot: Vector, u: 
     J, _ = _rows(mechanism, q, t)
     _, Z = mechanism.speeds.of(q, t)
     C = J @ W
-    C_rate = J_rate @ W - C @ (Y_rate @ W)
+    C_rate = rewritten('Ct', J_rate @ W - C @ (Y_rate @ W))
 
     # The rates of C_I + C_D A = 0 and of C_D B = b + C Z.
     C_D_rate = C_rate[:, dependent]
@@ -150,7 +154,8 @@ def drift(mechanism: 'Mechanism', parts: Reduction, q: Vector, qdot: Vector, u: 
     B_rate = D @ (b_rate + C_rate @ Z + C @ Z_rate - C_D_rate @ B)
 
     # u_D' = A u_I' + A' u_I + B', and q'' = W (u' - Y' q' - Z').
-    return Drift(A_rate @ u + B_rate, -(W @ (Y_rate @ qdot + Z_rate)))
+    return Drift(rewritten('U', A_rate @ u + B_rate),
+                 rewritten('V', -(W @ (Y_rate @ qdot + Z_rate))))
 
 
 def joint_accelerations(mechanism: 'Mechanism', parts: Reduction, change: Drift,

@@ -44,9 +44,8 @@ def joint_matrices(model: Model, q: Vector) -> list[Matrix]:
 
 def joint_matrix(joint: Joint, q: Vector) -> Matrix:
     """Return the pose of a joint's body in its parent at joint positions q, (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3] = joint.rotation
-    T[:3, 3] = joint.translation
+    T = np.block([[joint.rotation, joint.translation[:, None]],
+                  [np.array([[0.0, 0.0, 0.0, 1.0]])]])
     K, K_squared = generator(joint)
     x = _position(joint, q)
     if joint.kind == 'prismatic':
