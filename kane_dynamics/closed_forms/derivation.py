@@ -32,8 +32,9 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 import sympy as sp
 
-MOST = 9  # coordinates; the derivation of more is too long to read
+MOST = 7  # coordinates; the derivation of more is too long to read
 LONG = 6  # operations; coefficients with more get a letter
+LONG_DRIFT = 40  # of accelerations, which shorten where they are inserted
 OWN = 'own'
 
 
@@ -161,6 +162,26 @@ class Derivation:
                 found |= expression.free_symbols
         return found
 
+    def text(self) -> str:
+        """Return the steps as plain text."""
+        from kane_dynamics.closed_forms.derivation_text import as_text
+        return as_text(self)
+
+    def markdown(self) -> str:
+        """Return the steps as Markdown with formulas in LaTeX."""
+        from kane_dynamics.closed_forms.derivation_text import as_markdown
+        return as_markdown(self)
+
+    def latex(self) -> str:
+        """Return the steps as LaTeX, for a document with the package amsmath."""
+        from kane_dynamics.closed_forms.derivation_text import as_latex
+        return as_latex(self)
+
+    def code(self, language: str = 'python') -> str:
+        """Return a function that evaluates the equations, in 'python' or 'c' (C99)."""
+        from kane_dynamics.closed_forms.derivation_code import as_code
+        return as_code(self, language)
+
     def expanded(self, expression: Any) -> Any:
         """Return an expression or matrix in q, u_I, t and parameters, without letters."""
         for symbol in reversed(self.letters):
@@ -202,9 +223,10 @@ class _Paper:
         source = np.asarray(array, dtype=object)
         result = np.empty(source.shape, dtype=object)
         short = self.short(source)
+        limit = LONG_DRIFT if name in ('U', 'V') else LONG
         for place, expression in zip(np.ndindex(source.shape), short, strict=True):
             index = ''.join(str(k + 1) for k in place)
-            if sp.count_ops(expression) > LONG or _is_quotient(expression):
+            if sp.count_ops(expression) > limit or _is_quotient(expression):
                 symbol = sp.Symbol(f'{name}{index}', real=True)
                 self.letters[symbol] = expression
                 expression = symbol

@@ -21,6 +21,7 @@ WIDTH = 90  # characters of LaTeX on a line of a sum
 VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}
 DOTS = {'omega': 'alpha', 'v': 'a'}
 Row = tuple[str, str, str]
+Counts = dict[str, OperationCount]
 
 
 class Name(NamedTuple):
@@ -115,8 +116,8 @@ def steps(form: Derivation) -> list[Step]:
     return [step for step in result if step.equations]
 
 
-def as_text(form: Derivation, compiled: dict[str, OperationCount]) -> str:
-    """Return a derivation, and the operation counts of its kernels, as plain text."""
+def as_text(form: Derivation, compiled: Counts | None = None) -> str:
+    """Return a derivation and its operation counts as plain text."""
     lines = [f'{form.robot.model.name}: M(q) udot + bias(q, u) = tau', '']
     for symbol, value, meaning in legend(form):
         lines.append(f'{symbol:6}{value:12}{meaning}')
@@ -178,7 +179,7 @@ def as_csv(form: Derivation) -> str:
     return stream.getvalue()
 
 
-def as_data(form: Derivation, compiled: dict[str, OperationCount]) -> dict[str, Any]:
+def as_data(form: Derivation, compiled: Counts | None = None) -> dict[str, Any]:
     """Return everything as plain data; expressions are texts for SymPy."""
     parameters = {}
     for parameter in form.parameters:
@@ -206,14 +207,14 @@ def as_data(form: Derivation, compiled: dict[str, OperationCount]) -> dict[str, 
     return data
 
 
-def operation_counts(form: Derivation, compiled: dict[str, OperationCount]
-                     ) -> dict[str, OperationCount]:
-    """Return operations of M and bias: as derived, in closed form, and compiled."""
+def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
+    """Return operations of M and bias: as derived, in closed form, and of kernels."""
     counts = {'mass_matrix and bias_force, as derived': form.operations_before}
     for name, matrix in (('mass_matrix', form.M), ('bias_force', form.bias)):
         program = Program(form.letters, {name: matrix})
         counts[f'{name}, closed form'] = program.operations()
-        counts[f'{name}, compiled'] = compiled[name]
+        if compiled is not None:
+            counts[f'{name}, compiled'] = compiled[name]
     counts['all, closed form'] = Program(form.letters,
                                          equations_of_motion(form)).operations()
     return counts

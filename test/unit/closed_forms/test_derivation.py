@@ -238,7 +238,7 @@ def test_a_massless_body_has_no_line_in_the_table():
 
 
 def test_a_mechanism_with_many_coordinates_is_refused_with_a_way_out():
-    with pytest.raises(InputError, match=r'10 coordinates; expected 1 to 9.*--joints'):
+    with pytest.raises(InputError, match=r'10 coordinates; expected 1 to 7.*--joints'):
         derivation(Robot(random_model(0, 10)))
 
 
