@@ -13,7 +13,6 @@ from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -38,7 +37,6 @@ LONG_DRIFT = 40  # of accelerations, which shorten where they are inserted
 OWN = 'own'
 
 
-@hinting
 @dataclass(frozen=True, eq=False)
 class Derivation:
     """
@@ -251,7 +249,6 @@ def _is_quotient(expression: Any) -> bool:
                for power in expression.atoms(sp.Pow))
 
 
-@hinting
 def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
                points: Sequence[str] = (), auxiliary: Sequence[str] = (),
                energy: bool = False, near: Any = None,
