@@ -13,9 +13,6 @@ Within the limits, the quadratic is minimised by Seidel sweeps and projected New
 lengths. Their number is fixed, since programs do not branch. The result costs less than
 no change, unless no change is the minimum.
 
-The step of a tree is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function
-of q and w, and only w depends on the dynamics: this halves the arithmetic.
-
 All functions run over any scalar.
 """
 
@@ -127,31 +124,6 @@ def from_triangle(packed: Any, size: int) -> Matrix:
 def expansion(F: Matrix, v: Vector, V: Matrix) -> Expansion:
     """Return the cost-to-go before a step with dx+ = F (dx, dtau), (n_x, n_x + m)."""
     return Expansion(lower_product(F, V @ F), v @ F)
-
-
-def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expansion:
-    """
-    Return the cost-to-go before the step of a tree.
-
-    `slopes` are the derivatives of udot by q, u and tau, (3, n, n).
-    """
-    n = len(slopes[0])
-    # The Hessian by w, where q+ = q + h w and u+ = w, and mixed by q and w.
-    by_w = V[n:, n:] + h * (V[:n, n:] + V[n:, :n] + h * V[:n, :n])
-    mixed = V[:n, n:] + h * V[:n, :n]
-
-    # dw = D (dq, du, dtau).
-    D = np.concatenate([h * slopes[0], np.eye(n) + h * slopes[1], h * slopes[2]], axis=1)
-    T = by_w @ D
-    T[:, :n] = T[:, :n] + mixed.T
-    H = lower_product(D, T)
-
-    # q+ depends on q directly too.
-    across = mixed @ D[:, :n]
-    for a, b in lower_triangle(n):
-        H[a][b] = H[a][b] + across[a, b] + V[a, b]
-    g = (v[n:] + h * v[:n]) @ D
-    return Expansion(H, np.concatenate([g[:n] + v[:n], g[n:]]))
 
 
 def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vector

@@ -6,11 +6,6 @@ target)^2 over its m torques and the n_j joints' positions and rates at its end,
 `speed_weight` excess^2 of every joint. The excess of a speed beyond a limit by v
 (negative within it) is the smooth (v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH`
 times the limit; a kink there costs many iterations.
-
-`MechanismHorizon` is for robots of every kind. For trees of rigid bodies in joint rates
-`TreeHorizon` finds the same with derivatives of udot instead of those of the whole step,
-which was measured to take 0.8 of the time of an iteration for six axes; `horizon_of`
-chooses.
 """
 
 from typing import Any, NamedTuple
@@ -20,13 +15,10 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.linear_solve import solution
 from kane_dynamics.mechanics.ball_joints import chord, coordinate_rates, joint_speeds
 from kane_dynamics.mechanics.friction import refuse_load_friction
-from kane_dynamics.mechanics.integrators.implicit_friction import (
-    implicit_friction_slopes, implicit_friction_step)
 from kane_dynamics.mechanics.integrators.mechanism_step import MechanismStep, solved
 from kane_dynamics.native.tracing.differentiation import forward, jacobian
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.optimal_control.backward_step import (backward_step, expansion,
-                                                         expansion_of_tree,
                                                          from_triangle, lower_triangle,
                                                          Policy, TorqueCost)
 from kane_dynamics.robot.robot import Robot
@@ -177,9 +169,9 @@ def cost_slopes(error: Vector, rates: Vector, weight: Vector, limits: HorizonLim
 
 
 # -------------------------------------------------------------------------------------
-# Robots of every kind.
+# Step, derivatives and policy of an interval.
 
-class MechanismHorizon:
+class Horizon:
     """
     Step, derivatives and policy of a robot, in the interface of `HorizonKernels`.
 
@@ -190,9 +182,6 @@ class MechanismHorizon:
     cost by the state at the end, and by the torques. The targets are the configuration,
     the rates of the joints, and the torques.
     """
-
-    linearization = 'state after target weight'
-    policy = 'slopes tau later'
 
     def __init__(self, robot: Robot, actuators: list[int]) -> None:
         """Store the equations; `actuators` are indices of joints."""
@@ -370,72 +359,3 @@ def _forward_columns(outputs: Any, inputs: list[Scalar], tangents: Matrix,
     """Return the derivatives of outputs along tangents of the inputs, as columns."""
     columns = [forward(outputs, inputs, tangent, share) for tangent in tangents]
     return np.array(columns, dtype=object).T
-
-
-# -------------------------------------------------------------------------------------
-# Trees of rigid bodies in joint rates.
-
-class TreeHorizon:
-    """
-    Step, derivatives and policy of a tree, in the interface of `HorizonKernels`.
-
-    The state is q and u, and the slopes of an interval are the derivatives of udot by q,
-    u and tau, (3, n, n). The targets are those of q, u and tau.
-    """
-
-    linearization = 'state tau'
-    policy = 'slopes end tau target weight later'
-
-    def __init__(self, robot: Robot) -> None:
-        """Store the equations."""
-        if robot.friction:
-            refuse_load_friction(robot.model, 'optimal control')
-        n = robot.n
-        self.n = n
-        self._equations = robot.equations.tree
-        self.sizes = HorizonSizes(state=2 * n, directions=2 * n, torques=n, joints=n,
-                                  multipliers=0, target=3 * n, slopes=3 * n * n)
-
-    def slopes_of(self, state: Vector, tau: Vector, constants: Constants) -> Matrix:
-        """Return the derivatives of an interval."""
-        n = self.n
-        slopes: Matrix = implicit_friction_slopes(self._equations, state[:n], state[n:],
-                                                  tau, constants.h, constants.parameters)
-        return slopes
-
-    def policy_of(self, slopes: Vector, end: Vector, tau: Vector, target: Vector,
-                  weight: Vector, v: Vector, V: Vector, constants: Constants) -> Policy:
-        """Return the policy of an interval; v and V are the cost-to-go at its end."""
-        n = self.n
-        limits = constants.limits
-        error = np.concatenate([end, tau]) - target
-        # The cost of the interval by q and u at its end, and by the torques.
-        gradient, hessian = cost_slopes(error, end[n:], weight, limits)
-        cost_to_go = expansion_of_tree(
-            slopes.reshape(3, n, n), constants.h, v + gradient[:2 * n],
-            from_triangle(V, 2 * n) + np.diag(hessian[:2 * n]))
-        torques = TorqueCost(tau, gradient[2 * n:], hessian[2 * n:],
-                             limits.lowest_torque, limits.highest_torque)
-        return backward_step(cost_to_go, torques, constants.regular * torques.hessian)
-
-    def change(self, state: Vector, nominal: Vector) -> Vector:
-        """Return the change of the state from another one, (2 n,)."""
-        return state - nominal
-
-    def step(self, state: Vector, tau: Vector, target: Vector, weight: Vector,
-             constants: Constants) -> tuple[Vector, Vector, Scalar]:
-        """Return the state at the end of an interval, no multipliers, and the cost."""
-        n = self.n
-        q, u = implicit_friction_step(self._equations, state[:n], state[n:], tau,
-                                      constants.h, constants.parameters)
-        end = np.concatenate([q, u])
-        error = np.concatenate([end, tau]) - target
-        cost = stage_cost(error, u, weight, constants.limits)
-        return end, np.zeros(0), cost
-
-
-def horizon_of(robot: Robot, actuators: list[int]) -> TreeHorizon | MechanismHorizon:
-    """Return the functions of a robot; `actuators` are indices of joints."""
-    if robot.equations.in_joint_rates and not robot.model.flexible:
-        return TreeHorizon(robot)
-    return MechanismHorizon(robot, actuators)

@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.optimal_control.backward_step import clipped_all
-from kane_dynamics.optimal_control.horizon import (constants_of, horizon_of, HorizonSizes,
-                                                   NUMBERS)
+from kane_dynamics.optimal_control.horizon import constants_of, Horizon, NUMBERS
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -55,10 +54,10 @@ class HorizonKernels:
 
     def __init__(self, robot: Robot, actuators: list[int], nodes: int) -> None:
         """Trace and compile the kernels, or load them from the cache."""
-        self._horizon: Any = horizon_of(robot, actuators)
+        self._horizon = Horizon(robot, actuators)
         self.nodes = nodes
         self._begun = False
-        sizes: HorizonSizes = self._horizon.sizes
+        sizes = self._horizon.sizes
         self.sizes = sizes
         # Two paths take turns as the nominal one and the trial.
         self.path = np.zeros((nodes + 1, sizes.row))
@@ -74,7 +73,6 @@ class HorizonKernels:
             'row': Input('trial', 0, 0, sizes.row),
             'state': Input('path', 0, 0, sizes.state),
             'after': Input('path', 1, 0, sizes.row),
-            'end': Input('path', 1, 0, sizes.state),
             'tau': Input('path', 1, sizes.state, sizes.torques),
             'target': Input('targets', 0, 0, sizes.target),
             'weight': Input('weights', 0, 0, self.weights.shape[1]),
@@ -87,13 +85,11 @@ class HorizonKernels:
 
         # Three kernels, compiled side by side: slopes along the path, the backward pass,
         # and a step of the trial.
-        linearization = self._horizon.linearization
-        policy = self._horizon.policy
         run_concurrently([
-            partial(self._compile, robot, 'horizon_slopes', self._slopes, linearization,
-                    sizes.slopes),
-            partial(self._compile, robot, 'horizon_policy', self._policy, policy,
-                    sizes.policy),
+            partial(self._compile, robot, 'horizon_slopes', self._slopes,
+                    'state after target weight', sizes.slopes),
+            partial(self._compile, robot, 'horizon_policy', self._policy,
+                    'slopes tau later', sizes.policy),
             partial(self._compile, robot, 'horizon_step', self._step,
                     'row state tau policy target weight', sizes.row)])
 

@@ -1,17 +1,13 @@
 """
-Semi-implicit Euler steps with implicit friction, and their derivatives, for long steps.
+Speed at the end of a semi-implicit Euler step with implicit friction, for long steps.
 
-    M (u+ - u) / h + rigid(q, u) + friction(u+) = tau,    q+ = q + h u+
+    M u+ + h friction(u+) = M u + h (tau - rigid(q, u))
 
-with the mass matrix M and the inverse dynamics without friction at rest acceleration,
-rigid, both at the step's beginning. Friction follows its law,
-`friction.friction_torque`, at the speed u+ of the step's end. So it neither limits the
-step, nor reverses a joint that stops. u+ is the minimum of a convex function, found by
+Friction follows its law, `friction.friction_torque`, at the speed u+ of the step's end. So
+it neither limits the step, nor reverses a joint that stops. u+ is the minimum of a convex function, found by
 Newton's method, each step with the best of some lengths: full ones may cycle between two
 directions of sliding. The number of iterations is fixed, since programs do not branch.
-Of first order.
-
-`mechanism_step` has the steps of other robots than trees of rigid bodies.
+Of first order. `mechanism_step` has the step.
 """
 
 from collections.abc import Callable
@@ -19,7 +15,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.friction import is_nonlinear
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
@@ -39,49 +35,6 @@ class Resistance(NamedTuple):
     force: Callable[[Vector], Vector]
     slope: Callable[[Vector], Matrix]
     linear: bool
-
-
-def implicit_friction_step(equations: TreeEquations, q: Vector, u: Vector, tau: Vector,
-                           h: Scalar, parameters: Vector) -> tuple[Vector, Vector]:
-    """Return q and u after a step of length h, s, with the torque tau."""
-    u_end = _speed_at_end(equations, q, u, tau, h, parameters)
-    return q + h * u_end, u_end
-
-
-def implicit_friction_slopes(equations: TreeEquations, q: Vector, u: Vector, tau: Vector,
-                             h: Scalar, parameters: Vector) -> Matrix:
-    """
-    Return the derivatives of (u+ - u) / h by q, u and tau, (3, n, n).
-
-    From the equation of the step and the derivatives of inverse dynamics, at a converged
-    u+.
-    """
-    u_end = _speed_at_end(equations, q, u, tau, h, parameters)
-    slope = np.diag(equations.friction_slope(u_end))
-
-    # Inverse dynamics has the friction of u; in the step it is that of u+.
-    udot = (1.0 / h) * (u_end - u)
-    by_q, by_u, M = equations.inverse_dynamics_derivatives(q, u, udot, parameters)
-    by_u = by_u - np.diag(equations.friction_slope(u)) + slope
-
-    # W = (M + h dfriction/du)^-1 by implicit differentiation of the step.
-    W = inverse(factorize(M + h * slope, equations.order), equations.order)
-    return np.stack([-(W @ by_q), -(W @ by_u), W])
-
-
-def _speed_at_end(equations: TreeEquations, q: Vector, u: Vector, tau: Vector, h: Scalar,
-                  parameters: Vector) -> Vector:
-    """Return u+, (n,)."""
-    # M u+ + h friction(u+) = M u + h (tau - rigid): friction at the end of the step.
-    M = equations.mass_matrix(q, parameters)
-    start_momentum = M @ u
-    rigid = equations.rigid_dynamics(q, u, equations.zeros, None, parameters)
-    momentum = start_momentum + h * (tau - rigid)
-
-    def slope(v: Vector) -> Matrix:
-        return np.diag(equations.friction_slope(v))
-    friction = Resistance(equations.friction_force, slope, not has_linearized_friction(equations))
-    return resisted_speed(M, momentum, u, h, equations.order, friction)
 
 
 def has_linearized_friction(equations: TreeEquations) -> bool:

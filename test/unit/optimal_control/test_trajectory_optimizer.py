@@ -4,14 +4,13 @@ from functools import cache
 
 from kane_dynamics import box, InputError, load_urdf, ModelBuilder, Motion, Robot, rod
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.mechanics.integrators.implicit_friction import (
-    implicit_friction_slopes, implicit_friction_step)
 from kane_dynamics.optimal_control import CostWeights, TrajectoryOptimizer
 from kane_dynamics.optimal_control.backward_step import limited_minimum
 from kane_dynamics.optimal_control.horizon import cost_slopes, HorizonLimits
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
+from step_of_trees import implicit_friction_slopes, implicit_friction_step
 
 NODES = 12
 INTERVAL = 0.02
