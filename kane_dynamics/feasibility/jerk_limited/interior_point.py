@@ -8,8 +8,10 @@ is positive definite and has three diagonals beside the main one. All iterates s
 the limits.
 """
 
+from collections.abc import Callable
+
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.typing import Array
-from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_solution
 from kane_dynamics.feasibility.jerk_limited.profile_spline import ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import ThirdOrderLimits
 import numpy as np
@@ -41,6 +43,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array,
         The excess at which the iteration ends.
 
     """
+    solve = banded_solver()
     weights = spline.weights
     profile = spline.at(c)
     uses = limits.at(profile)
@@ -62,7 +65,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array,
         blocks = _blocks(uses.slopes, (dual / sides).sum(axis=0))
         blocks[:, 0, 0] += 0.75 * weights * x**-2.5
         slope = spline.gradient(gradient)
-        change = banded_system_solution(spline.hessian(blocks), -slope)
+        change = solve(spline.hessian(blocks), -slope)
         moved = spline.at(change)
         rate = np.einsum('imp,ip->mp', uses.slopes, moved)
         rates = np.stack([-rate, rate])
@@ -95,6 +98,24 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array,
                 return c, mu * count / duration
             mu = max(REDUCTION * mu, 0.9 * least * duration / count)
     return c, mu * count / duration
+
+
+def banded_solver() -> Callable[[Array, Array], Array]:
+    """
+    Return a function of diagonals, (4, m), and right side, (m,), that returns x.
+
+    The diagonals are A[i, i], A[i, i-1], A[i, i-2] and A[i, i-3] of a symmetric positive
+    definite matrix; entries before its first column are ignored.
+    """
+    linalg = extra('scipy.linalg', 'identify', 'time_optimal with jerk limits')
+
+    def solution(diagonals: Array, right: Array) -> Array:
+        # SciPy's columns of the lower band begin at the main diagonal.
+        columns = np.zeros_like(diagonals)
+        for k, diagonal in enumerate(diagonals):
+            columns[k, :len(right) - k] = diagonal[k:]
+        return np.asarray(linalg.solveh_banded(columns, right, lower=True))
+    return solution
 
 
 def _sides(values: Array) -> Array:

@@ -7,7 +7,7 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
                            Robot, rod)
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.jerk_limited import rate_peaks, third_order_timing
-from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_solution
+from kane_dynamics.feasibility.jerk_limited.interior_point import banded_solver
 from kane_dynamics.feasibility.jerk_limited.profile_spline import ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.smooth_path import smooth_sections
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import torque_rate_kernel
@@ -302,7 +302,7 @@ def test_banded_systems_are_solved_as_dense_ones():
         matrix = lower @ lower.T + np.eye(count)
         right = rng.normal(size=count)
         diagonals = np.array([np.pad(np.diagonal(matrix, -k), (k, 0)) for k in range(4)])
-        assert banded_system_solution(diagonals, right) == pytest.approx(
+        assert banded_solver()(diagonals, right) == pytest.approx(
             np.linalg.solve(matrix, right), rel=1e-9)
 
 
