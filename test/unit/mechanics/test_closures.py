@@ -1,7 +1,6 @@
 """Closures of every kind: what they hold, at the right orientation, in axes."""
 
 from functools import cache
-import re
 
 from constrained_trees import AXIS, closure, CLOSURES, two_bodies_on_a_base
 from kane_dynamics import (Closure, ConstraintError, ModelBuilder, point_mass, Robot,
@@ -168,14 +167,11 @@ def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
                  configuration=configuration)
 
 
-def test_a_rounded_loop_that_does_not_close_at_the_configuration_gets_the_advice():
+def test_a_rounded_loop_that_does_not_close_names_both_remedies():
     near = 0.8, 1.9, 2.1
-    with pytest.raises(ConstraintError, match='no configuration found') as error:
+    with pytest.raises(ConstraintError, match=r'no configuration .*rank_tolerance='):
         rounded('revolute', tilt=1e-4, configuration=near)
-    assert "'pin' as kind 'inline' would leave 1" in str(error.value)
-    tolerance = float(
-        re.search(r'rank_tolerance=(\S+) treats them as zero', str(error.value))[1])
-    assert rounded('revolute', tolerance, tilt=1e-4, configuration=near).n == 1
+    assert rounded('revolute', 1e-3, tilt=1e-4, configuration=near).n == 1
 
 
 @cache
@@ -188,15 +184,12 @@ def motion_of_a_rounded_loop(kind, tolerance, digits):
 
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
-@pytest.mark.parametrize(('digits', 'off'), [(4, 1e-7), (2, 5e-5)])
-def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised(
-        kind, digits, off):
-    with pytest.raises(ConstraintError, match='singular values') as error:
+@pytest.mark.parametrize(('digits', 'tolerance', 'off'), [
+    (4, 5e-5, 1e-7), (2, 5e-3, 5e-5)])
+def test_a_rounded_loop_moves_with_a_tolerance_and_with_another_kind(
+        kind, digits, tolerance, off):
+    with pytest.raises(ConstraintError, match=r"singular values.*'inline'"):
         rounded(kind, digits=digits)
-    tolerance = float(
-        re.search(r'rank_tolerance=(\S+) treats them as zero', str(error.value))[1])
-    assert tolerance < 10.0**-digits
-    assert "'pin' as kind 'inline' would leave 1" in str(error.value)
     np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
                                motion_of_a_rounded_loop('inline', 1e-9, digits),
                                rtol=off)
