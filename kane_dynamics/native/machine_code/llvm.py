@@ -10,10 +10,8 @@ in the child.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
-import math
 import os
 from threading import local
-import time
 from typing import Any
 from weakref import finalize
 
@@ -41,11 +39,6 @@ WIDER: dict[str, tuple[str, ...]] = {
 # memory, and loads of neighbors do not have to be neighbors. Fewer values are spilled.
 SCHEDULER = ('-enable-aa-sched-mi', '-misched-cluster=false')
 LONG = 10_000  # lines of IR: without instruction scheduling
-# Copies of long machine code are compared: one more for each `LONG_CODE`.
-LONG_CODE = 2**14  # bytes of object code; shorter code is not slow
-MOST_COPIES = 4
-FASTER = 0.95  # share of the first copy's time below which another one is kept
-TURNS = 5
 PIECE = 400  # instructions of a basic block of a long program
 _own = local()  # of each thread: code generators, each for one module at a time
 
@@ -321,45 +314,6 @@ class Code:
         function = prototype(self.address(name))
         function.code = self
         return function
-
-
-def faster_copy(objects: bytes, symbol: str, run: Callable[[Address], object]) -> Code:
-    """
-    Return an object file in executable memory, if it is long the fastest of its copies.
-
-    Straight-line code that fills the caches of instructions runs longer in some memory
-    than elsewhere: on Zen 5 more than 1.2 times as long in one of ten to twenty
-    allocations of 25 to 45 kB, and 1.1 to 1.3 times in one of three of 80 kB. It depends on
-    the physical pages of the code alone (the same pages take the same time at any virtual
-    address, with any data, on any core; reading them as data takes no longer), on which a
-    program has no influence. Copies in different pages are rarely all slow.
-
-    Parameters
-    ----------
-    objects : bytes
-        The object file.
-    symbol : str
-        Name of the function that is timed.
-    run : callable
-        Runs the function at an address some times.
-
-    """
-    first = Code(objects)
-    copies = min(1 + len(objects) // LONG_CODE, MOST_COPIES)
-    if copies == 1:
-        return first
-    shortest = {first: math.inf}
-    for _ in range(copies - 1):
-        shortest[Code(objects)] = math.inf
-    # The least times: other processes only lengthen them. The copies alternate.
-    for _ in range(TURNS):
-        for code in shortest:
-            address = code.address(symbol)
-            start = time.perf_counter()
-            run(address)
-            shortest[code] = min(shortest[code], time.perf_counter() - start)
-    fastest = min(shortest, key=shortest.__getitem__)
-    return fastest if shortest[fastest] < FASTER * shortest[first] else first
 
 
 def library(name: str, text: str) -> Code:

@@ -34,11 +34,7 @@ from numpy.typing import NDArray
 SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
-Run = Callable[[llvm.Address, Sequence[int]], object]  # of code, on rows at addresses
 NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
-# Of a trial of long code: values, at which results need not be finite, and calls.
-TRIAL_VALUE = 0.1
-TRIAL_CALLS = 64
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
@@ -168,16 +164,6 @@ def _text_by_latency(program: Program, symbol: str) -> str:
     return module_text(by_latency(program), symbol)
 
 
-def _run_states(function: llvm.Address, rows: Sequence[int]) -> None:
-    """Run code of single states some times, each time on the same rows."""
-    repeat(function, rows, [0] * len(rows), TRIAL_CALLS)
-
-
-def _run_rows(function: llvm.Address, rows: Sequence[int]) -> None:
-    """Run code of batches some times, on the same rows of one state."""
-    run_batch(function, [(row, 0, 0, 0) for row in rows], TRIAL_CALLS * width())
-
-
 def windows(rows: Array, length: int, step: int = 1) -> Array:
     """Return overlapping views of `length` rows each, which begin `step` rows apart."""
     count = (len(rows) - length) // step + 1
@@ -289,13 +275,12 @@ class Kernel:
         # By kind of code; copies with other parameters share it.
         self._functions: dict[str, KernelFunction] = {}
 
-    def _function(self, kind: str, text: Callable[[], str], run: Run,
+    def _function(self, kind: str, text: Callable[[], str],
                   in_order: bool = False, level: int = 1) -> KernelFunction:
         """
         Return the machine code of a text: compiled once, or from the cache on disk.
 
-        Without a key, the text is traced now and is the key itself. `run` runs the code
-        some times, on the rows of one state.
+        Without a key, the text is traced now and is the key itself.
         """
         def assembled() -> bytes:
             with logged(self.name):
@@ -311,7 +296,7 @@ class Kernel:
                     key = text()
                 text = partial(str, key)  # not traced again
             objects = llvm.cached(assembled, self.name, key, kind)
-            code = llvm.faster_copy(objects, SYMBOL, partial(self._try, run))
+            code = llvm.Code(objects)
             function = KernelFunction(code, code.address(SYMBOL))
             self._functions[kind] = function
         return function
@@ -340,8 +325,8 @@ class Kernel:
         if kind in self._functions:
             return self._functions[kind]
         text, program = self._of_one
-        return self._function(kind, lambda: text(program(), SYMBOL), _run_states,
-                              self._in_order, self._level)
+        return self._function(kind, lambda: text(program(), SYMBOL), self._in_order,
+                              self._level)
 
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
@@ -374,19 +359,12 @@ class Kernel:
             # Lanes need many registers: in program order fewer values are spilled.
             in_order = in_lanes or self._in_order
             self._function(_kind_of_batches(in_lanes, 0),
-                           lambda: text(of_any(), SYMBOL, width()), _run_rows, in_order)
+                           lambda: text(of_any(), SYMBOL, width()), in_order)
             # At once, so that a change of the parameters compiles nothing later.
             if reduced is not None:
                 self._function(_kind_of_batches(in_lanes, reduced.zeros),
-                               lambda: text(reduced.program(), SYMBOL, width()),
-                               _run_rows, in_order)
+                               lambda: text(reduced.program(), SYMBOL, width()), in_order)
         return self._functions[kind].address
-
-    def _try(self, run: Run, function: llvm.Address) -> None:
-        """Run code some times on arguments, parameters and result of one state."""
-        blocks = [np.full(argument.shape, TRIAL_VALUE) for argument in self.arguments]
-        blocks += [self.parameters.copy(), np.empty(self.shape)]
-        run(function, [address(block) for block in blocks])
 
     @property
     def address(self) -> llvm.Address:
