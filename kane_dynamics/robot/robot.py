@@ -100,9 +100,6 @@ class Robot(FrameworkMethods, Configurations):
         begins; or none up to `friction_speed` of a joint. A number is the time ahead, s;
         default of 'ahead': `friction_speed` over 1 rad/s^2. It changes no other quantity
         than the commands of control laws and filled trajectories.
-    frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels where that saves
-        arithmetic.
 
     Raises
     ------
@@ -122,8 +119,7 @@ class Robot(FrameworkMethods, Configurations):
                  redundant: str = 'minimum_norm', rank_tolerance: float = RANK,
                  wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
                  friction: bool = True,
-                 feedforward_friction: str | float = DESIRED_SPEED,
-                 frame_reduction: bool = True) -> None:
+                 feedforward_friction: str | float = DESIRED_SPEED) -> None:
         """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
             raise InputError(f'model: a {type(model).__name__}; expected a Model '
@@ -131,17 +127,14 @@ class Robot(FrameworkMethods, Configurations):
         if isinstance(wrench_frames, str):
             raise InputError(f"wrench_frames: the string '{wrench_frames}'; expected a "
                              'sequence of frame names')
-        for name, value in (('friction', friction),
-                            ('frame_reduction', frame_reduction)):
-            if not isinstance(value, bool | np.bool_):
-                raise InputError(f'{name}: {value!r}; expected True or False')
+        if not isinstance(friction, bool | np.bool_):
+            raise InputError(f'friction: {friction!r}; expected True or False')
         # What a copy of the robot is built from, as the user gave it.
         self._options: dict[str, Any] = {
             'wrench_frames': checked_names(wrench_frames, 'wrench_frames') or (),
             'payload_frame': payload_frame,
             'friction': bool(friction),
-            'feedforward_friction': checked_feedforward(feedforward_friction),
-            'frame_reduction': bool(frame_reduction)}
+            'feedforward_friction': checked_feedforward(feedforward_friction)}
         self._choices: dict[str, Any] = {
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),

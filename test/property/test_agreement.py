@@ -109,14 +109,6 @@ def test_reference_formulation_accepts_traced_scalars(drawn):
     close(kernel(q, u, udot), robot.inverse_dynamics(q, u, udot), size)
 
 
-@given(robots_and_states(3))
-def test_link_frames_do_not_matter(drawn):
-    robot, q, u, udot = drawn
-    plain = Robot(robot.model, frame_reduction=False)
-    size = np.abs(robot.torque_terms(q, u, udot)).max()
-    close(plain.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot), size)
-
-
 def freed(model):
     """Return the model with free mimic joints, and G and g of q_free = G q + g."""
     bodies = [replace(body, joint=replace(body.joint,

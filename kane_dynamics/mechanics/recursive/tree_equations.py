@@ -76,16 +76,12 @@ class TreeEquations:
         Whether to include damping and Coulomb friction.
     feedforward_friction : str or float
         The friction of `feedforward_friction`, as of `friction.feedforward_direction`.
-    frame_reduction : bool
-        Use Denavit-Hartenberg-like link frames. Otherwise only the joint axes are
-        aligned.
 
     """
 
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
-                 feedforward_friction: str | float = DESIRED_SPEED,
-                 frame_reduction: bool = True) -> None:
+                 feedforward_friction: str | float = DESIRED_SPEED) -> None:
         """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
         self.n, self.n_q = model.n, len(model.coordinate_names)
@@ -103,7 +99,6 @@ class TreeEquations:
         self.payload_frame: Frame | None = None
         if payload_frame is not None:
             self.payload_frame = model.frame(payload_frame)
-        self.frame_reduction = frame_reduction
         self.flexible = model.flexible
         self._beam_lanes: LanesOf | None = None
         self.drives = model.drives
@@ -134,10 +129,8 @@ class TreeEquations:
 
     @lazy_property
     def geometry(self) -> tuple[Link, ...]:
-        """Links without a payload, for kinematics."""
+        """Links without a payload, for kinematics, in Denavit-Hartenberg-like frames."""
         links = self.joint_links
-        if not self.frame_reduction:
-            return links
         return denavit_hartenberg(merged(links) if self.flexible else links)
 
     def base_links(self, parameters: Vector) -> tuple[Link, ...]:

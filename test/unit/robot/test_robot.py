@@ -23,8 +23,7 @@ def assert_equal(value, reference, tolerance=1e-11):
     assert np.abs(np.asarray(value) - reference).max() <= tolerance * scale
 
 
-@pytest.mark.parametrize('options',
-                         [{}, {'friction': False}, {'frame_reduction': False}])
+@pytest.mark.parametrize('options', [{}, {'friction': False}])
 @pytest.mark.parametrize('seed', SEEDS)
 def test_definition_recursion_and_compiled_code_agree(seed, options):
     model = random_model(seed, 5, mimics=seed % 3)
