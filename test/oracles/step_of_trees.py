@@ -6,7 +6,7 @@ The semi-implicit Euler step of a tree with implicit friction, and its derivativ
 
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse
 from kane_dynamics.mechanics.integrators.implicit_friction import (
-    has_linearized_friction, resisted_speed, Resistance)
+    has_linearized_friction, Resistance, resisted_speed)
 import numpy as np
 
 
