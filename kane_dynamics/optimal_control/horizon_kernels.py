@@ -106,17 +106,17 @@ class HorizonKernels:
 
     # The functions of the kernels, over any scalar.
 
-    def _slopes(self, *inputs: Vector) -> Vector:
+    def _slopes(self, state: Vector, after: Vector, target: Vector, weight: Vector,
+                constants: Vector) -> Vector:
         """Return the derivatives of an interval and of its cost."""
-        *arguments, constants = inputs
-        return np.ravel(self._horizon.slopes_of(*arguments,
-                                                constants_of(constants, self.sizes)))
+        return self._horizon.slopes_of(state, after, target, weight,
+                                       constants_of(constants, self.sizes))
 
-    def _policy(self, *inputs: Vector) -> Vector:
+    def _policy(self, slopes: Vector, tau: Vector, later: Vector,
+                constants: Vector) -> Vector:
         """Return the policy of an interval, with the changes of cost up to the end."""
-        *arguments, later, constants = inputs
         _, _, first, second, v, V = np.split(later, self.sizes.policy_parts)
-        policy = self._horizon.policy_of(*arguments, v, V,
+        policy = self._horizon.policy_of(slopes, tau, v, V,
                                          constants_of(constants, self.sizes))
         policy = policy._replace(first=first[0] + policy.first,
                                  second=second[0] + policy.second)

@@ -6,8 +6,8 @@ Speed at the end of a semi-implicit Euler step with implicit friction, for long 
 Friction follows its law, `friction.friction_torque`, at the speed u+ of the step's end. So
 it neither limits the step, nor reverses a joint that stops. u+ is the minimum of a convex
 function, found by Newton's method, each step with the best of some lengths: full ones may
-cycle between two directions of sliding. The number of iterations is fixed, since programs do not branch.
-Of first order. `mechanism_step` has the step.
+cycle between two directions of sliding. The number of iterations is fixed, since programs
+do not branch. Of first order. `mechanism_step` has the step.
 """
 
 from collections.abc import Callable
