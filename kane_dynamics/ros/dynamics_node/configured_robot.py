@@ -42,6 +42,7 @@ from kane_dynamics.ros.loads.gravity_payload import (checked_payload, GravityAnd
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
+from kane_dynamics.ros.modes.stability import instability
 from kane_dynamics.ros.modes.task_modes import TaskModes
 from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
                                                          SceneRequest)
@@ -85,6 +86,8 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
+# Parameters by which feedback may become unstable
+FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'coupling.', 'walls.')
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
 STAMPED = 4  # place of the publisher of stamped commands in the arguments of a path
 REPORT_PERIOD = 0.005  # s, between two looks at the reports of the native torque path
@@ -468,11 +471,10 @@ class ConfiguredRobot:
                                    frame, controller, self.modes.laws)
             opened.callback(topic.close)
             self.path.add_observer(topic, need_effort=False)
-        if controller.laws:
-            self.swing = SwingMonitor(self._server, controller, self.modes.laws,
-                                      node.get_logger())
-            opened.callback(self.swing.close)
-            self.path.add_observer(self.swing, need_effort=False)
+        self.swing = SwingMonitor(self._server, controller, self.modes.laws,
+                                  node.get_logger())
+        opened.callback(self.swing.close)
+        self.path.add_observer(self.swing, need_effort=False)
         # Only some laws have topics of their own.
         coupling = self.modes.laws.get(Mode.ARM_COUPLING)
         if isinstance(coupling, ArmCouplingMode):
@@ -605,6 +607,44 @@ class ConfiguredRobot:
         if self._payload_from_service and partly:
             raise InputError('parameters payload.*: payload set by ~/set_payload; '
                              "expected 'payload.mass' in the same request")
+        self._refuse_unstable(values, changed)
+
+    def instability_at_start(self) -> str:
+        """Return what is unstable at the rate of the states until now; empty if unknown."""
+        if self.fault:
+            return ''
+        q, period = self.path.idle_states()
+        controller = self.path.controller
+        computed = controller.mode is Mode.COMPUTED_TORQUE
+        # The configuration of closed loops is known from the first cycle on.
+        if q is None or not period or not (computed or self.path.loops is None):
+            return ''
+        return instability(controller, self.modes.laws, controller.mode, q, period)
+
+    def _refuse_unstable(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+        """Raise InputError for feedback that is unstable at the rate of the states."""
+        if not any(name.startswith(FEEDBACK) for name in changed):
+            return
+        path = self.path
+        period = path.period
+        q = path.measured()
+        if self.fault or q is None or not period:
+            return
+        law = self.modes.laws.get(Mode(values['mode']))
+        settings = path_settings(values, self.robot)
+        # The law is asked with the new settings, before any cycle uses them.
+        with path.one_change():
+            if law is not None:
+                law.update(values)
+            try:
+                words = instability(path.controller, self.modes.laws,
+                                    Mode(values['mode']), q, period,
+                                    (settings['kp'], settings['kd']))
+            finally:
+                if law is not None:
+                    law.update(self.values)
+        if words:
+            raise InputError(words)
 
     def update(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Use checked parameters, of which `changed` are set, from the next cycle on."""

@@ -282,13 +282,13 @@ class DynamicsNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the torque path."""
-        if fault := self._activation_fault():
+        assert self.arm is not None
+        if fault := self._activation_fault() or self.arm.instability_at_start():
             self.get_logger().error(f'not activated: {fault}')
             return FAILURE
         result = super().on_activate(state)
         # The torque path first: states may arrive from here on.
         self._real_subscriber = ''
-        assert self.arm is not None
         try:
             self.arm.path.start()
         except Exception as error:  # rclpy would go to `on_error` without a word

@@ -1,4 +1,4 @@
-"""Warn of springs and walls that are too stiff for the rate of the joint states."""
+"""Warn of gains, springs and walls that are too stiff for the rate of the joint states."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -9,9 +9,9 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.modes.live_law import LiveLaw
+from kane_dynamics.ros.modes.stability import instability
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
-from kane_dynamics.task_space.sampled_spring import JointSpring, steady_share, swing
 import numpy as np
 from rclpy.clock import Clock, ClockType
 
@@ -20,11 +20,10 @@ STATES = 11  # whose median distance is the period of the states
 
 
 class _Watched(NamedTuple):
-    """A state of a mode with a spring, and the stamps of the states up to it, ns."""
+    """A state of a mode with feedback, and the stamps of the states up to it, ns."""
 
     q: Array
     mode: Mode
-    law: LiveLaw
     stamps: tuple[int, ...]
 
     @property
@@ -92,9 +91,8 @@ class SwingMonitor:
         if len(stamps) < STATES:
             return
         mode = self._controller.mode
-        law = self._laws.get(mode)
-        if law is not None:
-            self._watched = _Watched(cycle.state.q.copy(), mode, law, tuple(stamps))
+        if mode is Mode.COMPUTED_TORQUE or mode in self._laws:
+            self._watched = _Watched(cycle.state.q.copy(), mode, tuple(stamps))
 
     def close(self) -> None:
         """Stop looking."""
@@ -109,39 +107,10 @@ class SwingMonitor:
             self.warning = ''
             return
         try:
-            warning = self._words(watched)
+            warning = instability(self._controller, self._laws, watched.mode, watched.q,
+                                  watched.period)
         except KaneError:  # the loops are singular there; the torque path reports it
             return
         if warning and not self.warning:
             self._log.warning(warning)
         self.warning = warning
-
-    def _words(self, watched: _Watched) -> str:
-        """Return the warning of a state; empty if its spring is not too stiff."""
-        # The law as a spring and damper about this state, then the walls beside it.
-        spring = watched.law.joint_spring(watched.q)
-        walls = watched.law.wall_spring(watched.q)
-        warning = ''
-        if spring is not None:
-            warning = self._words_of(watched, spring, None, 'stiffness')
-        if walls is not None and not warning:
-            warning = self._words_of(watched, walls, spring, 'stiffness of its wall')
-        return warning
-
-    def _words_of(self, watched: _Watched, spring: JointSpring, other: JointSpring | None,
-                  what: str) -> str:
-        """Return the warning of an oscillation of two springs; empty if both are steady."""
-        # The least damped motion when torques are held over a period.
-        robot = self._controller.robot
-        inertia = robot.mass_matrix(watched.q)
-        motion = swing(inertia, spring.beside(other), watched.period)
-        if not motion.swings_up:
-            return ''
-        # The share of the stiffness that would be steady.
-        share = steady_share(inertia, spring, watched.period, other)
-        joint = robot.speed_names[motion.joint]
-        return (f"{watched.mode}: joint '{joint}' swings up: with joint states each "
-                f'{watched.period * 1e3:.3g} ms its amplitude grows by '
-                f'{motion.growth:.2g} in each; expected at most {100.0 * share:.2g}% of the '
-                f'{what}, states more often, or the inertia of the rotors as '
-                '`armature` in the supplement')

@@ -626,16 +626,27 @@ class NativeTorquePath(TorquePath):
         They are of a time in which the node did not command, as those that the
         interpreter's path ignores then: a simulated arm may have been reset since.
         """
-        last = None
+        self._take_waiting()
+        if self._idle and self._reader.read(self._idle[-1], self.need_velocity) in (
+                None, NOT_FINITE):
+            self._keep_layout(self._idle[-1])
+        self._idle.clear()
+
+    def _take_waiting(self) -> None:
+        """Keep the last of the states that came while no thread read them."""
         waiting = self._states.handle
         with waiting:
             for _ in range(THREAD_STATES.depth):
                 taken = waiting.take_message(JointState, True)
                 if taken is None:
                     break
-                last, _ = taken
-        if last and self._reader.read(last, self.need_velocity) in (None, NOT_FINITE):
-            self._keep_layout(last)
+                self._idle.append(taken[0])
+
+    def idle_states(self) -> tuple[Array | None, float]:
+        """Return positions and period before the start, as `TorquePath`."""
+        if self._states is not None:
+            self._take_waiting()
+        return super().idle_states()
 
     def catch_up(self) -> None:
         """

@@ -26,11 +26,11 @@ import numpy as np
 
 ARRAYS = ('path', 'event', 'state', 'row', 'numbers', 'torque', 'settings', 'begin')
 EVENT = struct.Struct(f'{EVENT_SIZE}d')
-(REASON, PUBLISH, SENT_AT, REQUEST, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT,
+(REASON, PUBLISH, SENT_AT, REQUEST, PERIOD, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT,
  TIMED_OUT, COMMANDING, DROPS, STOP_BEGAN, STOPS, LAW_KNOWN, LOOKED_AT,
  LAST_LOOK) = map(
      PathState._fields.index, (
-         'reason', 'publish', 'sent_at', 'request', 'commanded_at', 'last_heard',
+         'reason', 'publish', 'sent_at', 'request', 'period', 'commanded_at', 'last_heard',
          'last_stamp', 'refusing', 'fault', 'timed_out', 'commanding', 'drops',
          'stop_began', 'stops', 'law_known', 'looked_at',
          'last_look'))

@@ -4,6 +4,7 @@ The torque path: publishes one command for each joint state, and zeros when stat
 It runs in the main thread only and works on serialized messages.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import time
@@ -23,6 +24,7 @@ from kane_dynamics.control_cycle.cycle_rules import (begun_stop, CycleSettings, 
 from kane_dynamics.control_cycle.state_judgement import UNLIMITED
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
+from kane_dynamics.ros.common.cdr import STAMP, STAMP_AT
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE
@@ -40,13 +42,15 @@ from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.ros.torque_path.path_memory import (COMMANDED_AT, COMMANDING,
                                                        CycleRules, DROPS, FAULT,
                                                        LAST_HEARD, LAST_STAMP, LAW_KNOWN,
-                                                       PathMemory, PUBLISH, REASON,
+                                                       PathMemory, PERIOD, PUBLISH,
+                                                       REASON,
                                                        REFUSING, REQUEST, SENT_AT,
                                                        STOP_BEGAN, STOPS, TIMED_OUT)
 from kane_dynamics.ros.torque_path.state_check import StateCheck
 import numpy as np
 from rclpy.publisher import Publisher
 
+IDLE = 11  # states before the start, whose median distance is their period
 # Changes in `CycleSettings`, on which a rule acts where their number has grown
 COUNTS = ('restarts', 'blends', 'jumps', 'silences')
 # A reason with its details
@@ -118,6 +122,7 @@ class TorquePath:
         self._asks = False  # whether another process may command meanwhile
         self._waiting = b''  # the last state, if it waits for torque_guard
         self._observers: list[CycleObserver] = []
+        self._idle: deque[bytes] = deque(maxlen=IDLE)  # states while it does not run
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
         self._epoch = 0  # of the times in the memory, ns
@@ -293,6 +298,26 @@ class TorquePath:
     def measured_speeds(self) -> Array | None:
         """Return the speeds, (n,), of the state of `measured`."""
         return None if self.measured() is None else self._accepted_speeds()
+
+    @property
+    def period(self) -> float:
+        """Return the mean time between two states, as the cycles measure it, s; 0: unknown."""
+        return self._memory.entries[PERIOD] / NANO
+
+    def idle_states(self) -> tuple[Array | None, float]:
+        """
+        Return the last positions, (n_q,), and the period of the states before the start.
+
+        They are None and 0 s where too few states are known.
+        """
+        states = list(self._idle)
+        if len(states) < IDLE or self._reader.read(states[-1], False) is not None:
+            return None, 0.0
+        stamps = []
+        for data in states:
+            sec, nanosec = STAMP.unpack_from(data, STAMP_AT)
+            stamps.append(sec * NANO + nanosec)
+        return self._reader.q.copy(), max(float(np.median(np.diff(stamps))) / NANO, 0.0)
 
     def _accepted(self) -> Array:
         """Return a copy of all positions in the last accepted state, (n_q,)."""
@@ -472,6 +497,7 @@ class TorquePath:
     def on_state(self, data: bytes) -> None:
         """Compute and publish the command for one serialized JointState."""
         if not self.running:
+            self._idle.append(data)
             return
         # 1. Read and judge the state.
         began = time.perf_counter()

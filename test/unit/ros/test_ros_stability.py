@@ -1,0 +1,128 @@
+"""What the check of stability says is compared with the motion of a sampled arm."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.ros.modes.stability import instability  # noqa: E402
+from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
+from node_values import node_values  # noqa: E402
+
+PROGRAM = """
+import sys
+import time
+import rclpy
+from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+given = ('urdf:=URDF', 'arm_compensates:=none', 'activation:=on_request',
+         'torque_path:=TORQUE_PATH', 'mode:=computed_torque', 'gains.kd:=280.0')
+rclpy.init(args=['--ros-args', *[x for one in given for x in ('-p', one)]])
+node = DynamicsNode()
+node.trigger_configure()
+sender = rclpy.create_node('sender')
+states = sender.create_publisher(JointState, 'joint_states', qos_profile_sensor_data)
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+
+def send(count):
+    for _ in range(count):
+        message = JointState(name=list(node.arm.robot.joint_names),
+                             position=[0.3, -0.2], velocity=[0.0, 0.0])
+        now = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+        states.publish(message)
+        executor.spin_once(0.0)
+        time.sleep(0.004)
+    node.arm.path.check_timeout()
+
+while not states.get_subscription_count():
+    time.sleep(0.01)
+send(60)
+node.trigger_activate()
+said = [node.state]
+result, = node.set_parameters([Parameter('gains.kd', value=20.0)])
+node.trigger_activate()
+send(60)
+said += [node.state, result.successful]
+for value in (280.0, 30.0):
+    result, = node.set_parameters([Parameter('gains.kd', value=value)])
+    said += [result.successful, 'swings up' in result.reason]
+said += [node.get_parameter('gains.kd').value]
+print(said)
+node.halt()
+rclpy.shutdown()
+"""
+ROBOT = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'),
+                        joints=[f'fr3_joint{k}' for k in range(1, 8)]))
+HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
+STATES = 400
+
+
+def fastest(mode, period, changes):
+    """Return the words, and the speed of an arm whose torques act one period late."""
+    values = node_values({'mode': str(mode), **changes})
+    laws = TaskModes(ROBOT, values).laws
+    controller = Controller(ROBOT, mode=mode, kp=values['gains.kp'],
+                            kd=values['gains.kd'], laws=laws)
+    words = instability(controller, laws, mode, HOME, period)
+    q, u = HOME.copy(), np.zeros(7)
+    acting = controller.torque(q, u, None, 0.0)  # the pose that is held
+    u[:] = 1e-3 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    size = []
+    for _ in range(STATES):
+        torque = controller.torque(q, u, None, 0.0)
+        for _ in range(10):
+            u = u + 0.1 * period * ROBOT.forward_dynamics(q, u, acting)
+            q = q + 0.1 * period * u
+        acting = torque
+        size.append(np.abs(u).max())
+        if size[-1] > 1.0:
+            break
+    return words, size[-1]
+
+
+@pytest.mark.parametrize(('mode', 'period', 'changes', 'share'), [
+    (Mode.COMPUTED_TORQUE, 0.004, {'gains.kp': 100.0, 'gains.kd': 280.0}, 'gains.kd'),
+    (Mode.COMPUTED_TORQUE, 0.008, {'gains.kp': 9000.0, 'gains.kd': 90.0}, 'gains.kp'),
+    (Mode.JOINT_IMPEDANCE, 0.005, {}, 'stiffness')])
+def test_a_law_that_is_called_unstable_throws_the_arm_and_the_share_it_names_does_not(
+        mode, period, changes, share):
+    words, speed = fastest(mode, period, changes)
+    assert 'swings up' in words and share in words
+    assert speed > 0.5
+    part = float(words.split('at most ')[1].split('%')[0]) / 100.0
+    stable = {name: 0.9 * part * value for name, value in changes.items()}
+    if mode is Mode.JOINT_IMPEDANCE:
+        stable = {'joint_impedance.stiffness': (0.9 * part * 5.0
+                                                * ROBOT.limits.effort).tolist()}
+    words, speed = fastest(mode, period, stable)
+    assert words == '' and speed < 0.01
+
+
+def test_modes_without_feedback_are_stable_at_any_rate():
+    controller = Controller(ROBOT)
+    for mode in (Mode.GRAVITY_COMPENSATION, Mode.INVERSE_DYNAMICS):
+        assert instability(controller, {}, mode, HOME, 10.0) == ''
+
+
+@pytest.mark.parametrize('torque_path', ['native', 'python'])
+def test_unstable_gains_are_neither_activated_nor_set_live(torque_path):
+    program = PROGRAM.replace('URDF', str(resource_path('urdf', 'two_link.urdf')))
+    done = subprocess.run(
+        [sys.executable, '-c', program.replace('TORQUE_PATH', torque_path)],
+        capture_output=True, text=True, timeout=200, cwd=Path(__file__).parents[3])
+    said = "['inactive', 'active', True, False, True, True, False, 30.0]"
+    assert done.stdout.strip() == said, done.stdout + done.stderr
+    assert 'not activated: computed_torque: joint' in done.stderr
