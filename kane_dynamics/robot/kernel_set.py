@@ -24,7 +24,7 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reduced, ResultCheck
+from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import (Derivative, PARAMETERS,
@@ -67,8 +67,6 @@ class Quantity:
         Shape of the result; names are those of `Sizes`.
     wrench, parameters : bool
         Whether the method has these arguments.
-    gravity : bool
-        Whether the quantity depends on gravity.
 
     """
 
@@ -76,32 +74,31 @@ class Quantity:
     shape: tuple[int | str, ...]
     wrench: bool = False
     parameters: bool = True
-    gravity: bool = False
 
 
 STATE = ('q', 'u')
 MOTION = ('q', 'u', 'udot')
 LOADED = ('q', 'u', 'tau')
 QUANTITIES = {
-    'inverse_dynamics': Quantity(MOTION, ('n',), wrench=True, gravity=True),
-    'forward_dynamics': Quantity(LOADED, ('n',), wrench=True, gravity=True),
+    'inverse_dynamics': Quantity(MOTION, ('n',), wrench=True),
+    'forward_dynamics': Quantity(LOADED, ('n',), wrench=True),
     'mass_matrix': Quantity(('q',), ('n', 'n')),
     'inverse_mass_matrix': Quantity(('q',), ('n', 'n')),
-    'bias_force': Quantity(STATE, ('n',), gravity=True),
+    'bias_force': Quantity(STATE, ('n',)),
     'coriolis_matrix': Quantity(STATE, ('n', 'n')),
-    'gravity_force': Quantity(('q',), ('n',), gravity=True),
+    'gravity_force': Quantity(('q',), ('n',)),
     'friction_force': Quantity(('u',), ('n',), parameters=False),
     'external_force': Quantity(('q',), ('n',), wrench=True, parameters=False),
-    'torque_terms': Quantity(MOTION, (len(TORQUE_TERMS), 'n'), gravity=True),
-    'body_torques': Quantity(MOTION, ('bodies', 'n'), gravity=True),
-    'joint_reactions': Quantity(MOTION, ('bodies', 6), wrench=True, gravity=True),
+    'torque_terms': Quantity(MOTION, (len(TORQUE_TERMS), 'n')),
+    'body_torques': Quantity(MOTION, ('bodies', 'n')),
+    'joint_reactions': Quantity(MOTION, ('bodies', 6), wrench=True),
     'center_of_mass': Quantity(('q',), (3,)),
     'center_of_mass_jacobian': Quantity(('q',), (3, 'n')),
     'kinetic_energy': Quantity(STATE, ()),
-    'potential_energy': Quantity(('q',), (), gravity=True),
-    'inverse_dynamics_derivatives': Quantity(MOTION, (3, 'n', 'n'), gravity=True),
-    'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n'), gravity=True),
-    'regressor': Quantity(MOTION, ('n', 'inertial_parameters'), gravity=True),
+    'potential_energy': Quantity(('q',), ()),
+    'inverse_dynamics_derivatives': Quantity(MOTION, (3, 'n', 'n')),
+    'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n')),
+    'regressor': Quantity(MOTION, ('n', 'inertial_parameters')),
 }
 # Where speeds are chosen or constraints given. In joint rates without constraints, those
 # of joints are the argument itself: kernels of them are made only where they are asked
@@ -109,7 +106,7 @@ QUANTITIES = {
 CONSTRAINED = {
     'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
     'joint_torques': Quantity(('tau', 'q'), ('joints',), parameters=False),
-    'constraint_forces': Quantity(LOADED, ('rows',), wrench=True, gravity=True),
+    'constraint_forces': Quantity(LOADED, ('rows',), wrench=True),
     'constraint_residual': Quantity(('q',), ('rows',), parameters=False),
     'constraint_velocity_residual': Quantity(STATE, ('rows',), parameters=False),
     'joint_accelerations': Quantity(MOTION, ('joints',), parameters=False),
@@ -125,7 +122,7 @@ FRAME_QUANTITIES = {
 }
 OF_PARTS = {  # of a frame or joint
     **FRAME_QUANTITIES,
-    'joint_reaction': Quantity(MOTION, (6,), wrench=True, gravity=True),
+    'joint_reaction': Quantity(MOTION, (6,), wrench=True),
 }
 # Quantities that are valid for open loops and any choice of independent speeds:
 UNWATCHED = ('potential_energy', 'constraint_residual', 'frame_pose')
@@ -158,7 +155,6 @@ LONG_PATH = 3 * LANES
 LOOP_GAIN = 1.7
 # Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
 ROWS_OF_BLOCK = 2400
-HORIZONTAL = 2  # components of gravity, the first parameters
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
 Place = tuple[str, Hashable]  # of a kernel: name, and what tells it from its namesakes
@@ -305,16 +301,9 @@ class KernelSet:
             traced = partial(self.program, name, at, derivative)
             traced_single = partial(self.program, name, at, derivative, single=True)
             key = self.key and self.key + at
-            # Gravity is mostly vertical, and so is the first axis of many arms: then no
-            # torque depends on its angle.
-            reduced = None
-            if derivative is None and self._quantity(name).gravity:
-                reduced = Reduced(HORIZONTAL, partial(self.program, name, at,
-                                                      vertical_gravity=True))
             kernel = Kernel(label, traced, key, arguments, self._parameters, shape,
                             partial(self._another, place), traced_single, self._in_order,
-                            derivative is None and self.by_states(name),
-                            reduced=reduced)
+                            derivative is None and self.by_states(name))
             self._made[place] = kernel
         return kernel
 
@@ -541,17 +530,15 @@ class KernelSet:
         return [*arguments, *self._time]
 
     def program(self, name: str, at: str = '', derivative: Derivative | None = None,
-                single: bool = False, vertical_gravity: bool = False) -> Program:
+                single: bool = False) -> Program:
         """
         Trace a quantity or a derivative of it; arguments as `kernel`.
 
         `single` selects the program of single states on this processor, which uses lanes
-        where they save instructions. With `vertical_gravity`, the program of batches takes
-        its horizontal components as 0.
+        where they save instructions.
         """
         if not single or derivative is not None:
-            return self._traced(self._method(name, at), name, at, derivative,
-                                vertical_gravity)
+            return self._traced(self._method(name, at), name, at, derivative)
 
         # For single states the program that takes less time: by loops over blocks, in rows
         # of lanes, or plain.
@@ -583,8 +570,7 @@ class KernelSet:
         return by_blocks
 
     def _traced(self, method: Callable[..., Any], name: str, at: str,
-                derivative: Derivative | None = None,
-                vertical_gravity: bool = False) -> Program:
+                derivative: Derivative | None = None) -> Program:
         """Return the program of a function of the equations; see `program`."""
         equations = self.equations
         quantity = self._quantity(name)
@@ -603,8 +589,6 @@ class KernelSet:
             for key, part in PARAMETERS.items():
                 if key in by_name:
                     block[part] = by_name[key]
-            if vertical_gravity:
-                block[:HORIZONTAL] = 0.0
             parameters, limits = np.split(block, [len(block) - equations.limits])
 
             values = list(map(by_name.__getitem__, quantity.arguments))

@@ -8,10 +8,10 @@ the other. `batch_kernel` makes the kernel of a function of arrays alone.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 import math
 import sys
-from typing import Any, NamedTuple
+from typing import Any
 
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
@@ -59,30 +59,6 @@ class Argument:
     shape: Shape
     labels: tuple[str, ...] = ()
     default: Array | None = None
-
-
-class Reduced(NamedTuple):
-    """
-    The program of batches whose first parameters are zero.
-
-    Attributes
-    ----------
-    zeros : int
-        How many of them.
-    program : callable
-        Traces the program, which takes them as 0 and is shorter.
-
-    """
-
-    zeros: int
-    program: Callable[[], Program]
-
-
-@cache
-def _kind_of_batches(in_lanes: bool, zeros: int) -> str:
-    """Return the kind of code of batches, in which the first parameters may be 0."""
-    kind = f'{width()} lanes' if in_lanes else 'by states'
-    return f'{kind}, {zeros} parameters zero' if zeros else kind
 
 
 def checked(argument: Argument, value: Any) -> Array:
@@ -214,8 +190,6 @@ class Kernel:
     unread : int
         Number of further arguments with which calls may end, and which nothing reads: the
         time, where the robot does not depend on it.
-    reduced : Reduced, optional
-        A shorter program of batches, for parameters of which some are zero.
 
     """
 
@@ -224,8 +198,7 @@ class Kernel:
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
                  in_order: bool = False, by_states: bool = False,
-                 interleaved: bool = False, level: int = 1, unread: int = 0,
-                 reduced: Reduced | None = None) -> None:
+                 interleaved: bool = False, level: int = 1, unread: int = 0) -> None:
         """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
@@ -239,10 +212,8 @@ class Kernel:
         of_one = program if single is None else single
         self._of_one = _text_by_latency if interleaved else module_text, of_one
         self._of_batch = lane_text, program
-        self._reduced = reduced
         if by_states:
             self._of_batch = text_by_states, of_one
-            self._reduced = None
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -334,36 +305,16 @@ class Kernel:
         if self._signature.is_supported:
             _ = self._signature.entry_points
 
-    def compile_lanes(self, parameters: Array | None = None,
-                      for_any: bool = False) -> llvm.Address:
-        """
-        Return the address of the code of batches, compiled if that was not done yet.
-
-        It is the code for a block of parameters, by default the kernel's, or `for_any`:
-        XLA reads the parameters as an operand, and never runs the shorter code for zeros.
-        That is compiled at the first batch from Python, and by no change of the parameters
-        after it.
-        """
-        in_lanes = self._of_batch[0] is lane_text
-        reduced = None if for_any else self._reduced
-        zeros = 0
-        if reduced is not None:
-            block = self.parameters if parameters is None else parameters
-            if not any(block[:reduced.zeros].tolist()):
-                zeros = reduced.zeros
-        kind = _kind_of_batches(in_lanes, zeros)
-        last = kind if reduced is None else _kind_of_batches(in_lanes, reduced.zeros)
-        if last not in self._functions:
-            text, of_any = self._of_batch
+    def compile_lanes(self) -> llvm.Address:
+        """Return the address of the code of batches, compiled if that was not done yet."""
+        text, program = self._of_batch
+        in_lanes = text is lane_text
+        kind = f'{width()} lanes' if in_lanes else 'by states'
+        if kind not in self._functions:
             batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.
-            in_order = in_lanes or self._in_order
-            self._function(_kind_of_batches(in_lanes, 0),
-                           lambda: text(of_any(), SYMBOL, width()), in_order)
-            # At once, so that a change of the parameters compiles nothing later.
-            if reduced is not None:
-                self._function(_kind_of_batches(in_lanes, reduced.zeros),
-                               lambda: text(reduced.program(), SYMBOL, width()), in_order)
+            self._function(kind, lambda: text(program(), SYMBOL, width()),
+                           in_lanes or self._in_order)
         return self._functions[kind].address
 
     @property
@@ -653,7 +604,7 @@ class Kernel:
             if block.ndim > rank and len(block):
                 self._require_rows('a block', block[0], 1)
             rows.append((address(block), lane, step, 0))
-        return run_batch(self.compile_lanes(constants), rows, len(result), steps=steps,
+        return run_batch(self.compile_lanes(), rows, len(result), steps=steps,
                          extremes=extremes)
 
     def run(self, arrays: Sequence[Array], result: Array, count: int,
@@ -699,7 +650,7 @@ class Kernel:
         self._require_rows('result', result, count)
         rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
-        return run_batch(self.compile_lanes(constants), rows, count)
+        return run_batch(self.compile_lanes(), rows, count)
 
     def _require_rows(self, name: str, rows: NDArray[Any], count: int) -> None:
         """Raise InputError for arrays that are too short, and for rows that are not contiguous."""

@@ -68,7 +68,7 @@ def _handler(function: BatchFunction, name: str) -> object:
     count = kernel.traced().operation_count()
     operations = count.multiplications + count.additions
     text = handler_text(
-        kernel.compile_lanes(for_any=True), batch_driver(width()).address('run_job'),
+        kernel.compile_lanes(), batch_driver(width()).address('run_job'),
         sizes, limits, minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
         flags=FLAGS, operations=operations)
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))

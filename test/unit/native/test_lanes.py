@@ -122,36 +122,6 @@ def test_batches_follow_gravity_that_becomes_vertical_tilted_or_none(name):
         compare(moon)
 
 
-def test_after_the_first_batch_no_change_of_gravity_compiles():
-    robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
-    kernel = robot.kernels.quantity('inverse_dynamics')
-    kernel.compile_lanes(for_any=True)
-    codes = dict(kernel._functions)
-    robot.parameters.gravity = (1.0, 0.0, 0.0)
-    kernel.compile_lanes()
-    compiled = dict(kernel._functions)
-    assert len(compiled) == len(codes) + 1
-    robot.parameters.gravity = (0.0, 0.0, -9.81)
-    kernel.compile_lanes()
-    assert kernel._functions == compiled
-
-
-def test_batches_under_vertical_gravity_have_code_with_fewer_operations():
-    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
-    kernel = robot.kernels.quantity('inverse_dynamics')
-    vertical = kernel.compile_lanes()
-    robot.parameters.gravity = (1.0, 0.0, 0.0)
-    assert vertical != kernel.compile_lanes() == kernel.compile_lanes(for_any=True)
-    counts = [robot.kernels.program('inverse_dynamics', vertical_gravity=choice)
-              .operation_count() for choice in (False, True)]
-    # Sine and cosine of the first axis.
-    assert counts[1].functions == counts[0].functions - 2
-    assert counts[1].multiplications < counts[0].multiplications
-    # Quantities that no gravity acts on have one code.
-    masses = robot.kernels.quantity('mass_matrix')
-    assert masses.compile_lanes() == masses.compile_lanes(for_any=True)
-
-
 @pytest.mark.parametrize('gravity', [(0.0, 0.0, -9.81), (1.0, 0.0, -9.0)])
 def test_after_the_first_batch_a_change_of_gravity_compiles_nothing(
         gravity, monkeypatch):
