@@ -141,9 +141,12 @@ def lower_limits(robot):
                            velocity=0.5 * limits.velocity, effort=0.6 * limits.effort)
 
 
-def raise_limits(robot):
-    robot.limits = replace(robot.limits, lower=np.full(robot.n_q, -np.inf),
-                           upper=np.full(robot.n_q, np.inf))
+def raise_upper_limits(robot):
+    robot.limits = replace(robot.limits, upper=np.full(robot.n_q, np.inf))
+
+
+def raise_lower_limits(robot):
+    robot.limits = replace(robot.limits, lower=np.full(robot.n_q, -np.inf))
 
 
 def turn_gravity(robot):
@@ -162,7 +165,8 @@ def test_a_use_after_changes_is_that_of_a_robot_with_these_parameters(name):
     call = use(robot)
     call()
     changes = []
-    for change in (turn_gravity, add_payload, lower_limits, raise_limits):
+    for change in (turn_gravity, add_payload, lower_limits, raise_upper_limits,
+                   raise_lower_limits):
         change(robot)
         changes.append(change)
         fresh = make()

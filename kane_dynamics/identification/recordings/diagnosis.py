@@ -646,18 +646,16 @@ def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repa
 
     Wrong masses cause a mean error too. The offset is therefore fitted together with all
     inertial parameters, and only then compared with the given ones. Stiction may give a
-    joint at rest any torque, and motion in one direction does not tell an offset from
-    Coulomb friction: only rows in motion count, in both directions.
+    joint at rest any torque: only rows in motion count.
     """
     if robot.model.flexible:  # beams have no regressor
         return
     Y = robot.regressor(r.q, r.u, r.udot)
     limits = np.asarray(robot.limits.effort)
     for j in range(robot.n):
-        directions = (r.u[:, j] > STANDSTILL), (r.u[:, j] < -STANDSTILL)
-        if min(map(np.count_nonzero, directions)) < FEWEST_ROWS:
+        moving = np.abs(r.u[:, j]) > STANDSTILL
+        if np.count_nonzero(moving) < FEWEST_ROWS:
             continue
-        moving = directions[0] | directions[1]
         columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])[moving]
         size = np.linalg.norm(columns, axis=0)
         size[size == 0.0] = 1.0  # of bodies that the joint does not move

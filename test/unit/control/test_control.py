@@ -216,8 +216,10 @@ def test_efforts_are_within_the_present_limits_of_the_robot():
     control.command(0.0, Q)
     for effort, expected in ((0.3, 0.3), (50.0, 1.0)):
         robot.limits = ClosedForm(effort=(effort, effort)).limits
-        np.testing.assert_array_equal(control.effort_limit, [expected] * 2)
         assert np.abs(control.command(0.1, Q).tau).max() == expected
+        np.testing.assert_array_equal(control.effort_limit, [expected] * 2)
+    robot.limits = ClosedForm(effort=(0.2, 0.2)).limits
+    np.testing.assert_array_equal(control.effort_limit, [0.2, 0.2])
 
 
 def test_torque_changes_no_faster_than_the_rate_limit_and_is_flagged():

@@ -7,10 +7,11 @@ from pathlib import Path
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
 from kane_dynamics.identification.friction_laws import (
-    chosen_laws, clearly_smaller, costs_others, LAW_NAMES, law_rows, LAWS, LENGTHS,
-    period, phases, without_harm)
+    Blocks, chosen_laws, clearly_smaller, costs_others, LAW_NAMES, law_rows, LawFit, LAWS,
+    LENGTHS, period, phases, Prior, without_harm)
 from kane_dynamics.identification.presliding import dahl_friction, first_rows
 from kane_dynamics.identification.regression import rows, SPEEDS
+from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 import numpy as np
 import pytest
 from recordings import exciting
@@ -393,3 +394,25 @@ def test_unknown_laws_are_refused(arguments, words):
     _, recording = recording_of('coulomb')
     with pytest.raises(InputError, match=words):
         identify(load_urdf(URDF), replace(recording), diagnosed=True, **arguments)
+
+
+def test_a_prior_counts_as_much_for_all_blocks_but_one_as_for_all():
+    # Blocks are copies of one recording. With the weight in proportion to their number, the
+    # errors on a block that is left out do not depend on that number.
+    model, recording = recording_of('coulomb')
+    part = recording.rows(slice(0, 400))
+    n = model.n
+    start = LawFit((LAWS[0],) * n, inertial_parameters(model).ravel(), np.zeros((n, 6)),
+                   np.full(n, LOSSES['friction_speed']), np.full(n, NOISE))
+    errors = []
+    for count in (2, 4):
+        columns = [np.concatenate([getattr(part, name)] * count)
+                   for name in ('q', 'u', 'udot', 'tau')]
+        times = np.arange(count * len(part)) * 0.01
+        data = law_rows(rows(model, Recording(times, *columns)))
+        block = np.repeat(np.arange(count), len(part))
+        blocks = Blocks(data, [block == k for k in range(count)], start)
+        errors.append(blocks.errors(Prior(model, 1e3 * count))[0][0])
+    np.testing.assert_allclose(errors[1], errors[0], rtol=1e-6)
+    other = blocks.errors(Prior(model, 1e3 * count / (1.0 - 1.0 / count)))[0][0]
+    assert np.abs(other / errors[1] - 1.0).max() > 1e-4

@@ -755,19 +755,21 @@ def test_forces_of_joints_at_rest_solve_their_complementarity_problem(seed):
 @pytest.mark.parametrize('law', [{'friction': 0.01}, {
     'friction': 0.01, 'presliding_stiffness': 50.0}], ids=['dry', 'bristles'])
 def test_stops_are_those_of_the_present_limits(stops_of_first_run, law):
-    # Two wheels: in chosen speeds the simulation runs in a robot of its own.
+    # Two wheels, of which the second has no friction: without a stop it is never held. In
+    # chosen speeds the simulation runs in a robot of its own.
     b = ModelBuilder('wheels', gravity=(0, 0, 0))
-    for name in ('first', 'second'):
-        b.body(name, axis=(0, 0, 1), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), **law)
+    for name, friction in (('first', law), ('second', {})):
+        b.body(name, axis=(0, 0, 1), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), **friction)
     sticks = 'presliding_stiffness' not in law
     for robot in (Robot(b.model()), Robot(b.model(), speeds=absolute_rates)):
         most = {}
         for stop in (stops_of_first_run, 0.4, np.inf, 0.6):
-            ends = np.array([stop, np.inf])
+            ends = np.array([stop, 0.5 * stop])
             robot.limits = replace(robot.limits, lower=-ends, upper=ends)
-            run = simulate(robot, [0.0, 0.0], [1.0, 0.0], 2.0, step=2e-3, stops=True,
-                           sticking=sticks, torque=[0.5, 0.0])
+            run = simulate(robot, [0.0, 0.0], [1.0, 0.5], 2.0, step=2e-3, stops=True,
+                           sticking=sticks, torque=[0.5, 0.1])
             most[stop] = run.q[:, 0].max()
+            assert (run.q[:, 1] <= 0.5 * stop + 1e-6).all()
             pressed = np.abs(run.stop_forces[-1, 0]) > 0.1
             assert pressed == np.isfinite(stop)
         for stop in (0.4, 0.6):
