@@ -7,8 +7,8 @@ from pathlib import Path
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics.identification import identify, Recording
 from kane_dynamics.identification.friction_laws import (
-    Blocks, chosen_laws, clearly_smaller, costs_others, LAW_NAMES, law_rows, LawFit, LAWS,
-    LENGTHS, period, phases, Prior, without_harm)
+    Blocks, chosen_laws, clearly_smaller, costs_others, LAW_NAMES, law_rows, LawFit,
+    LAWS, LENGTHS, period, phases, Prior, without_harm)
 from kane_dynamics.identification.presliding import dahl_friction, first_rows
 from kane_dynamics.identification.regression import rows, SPEEDS
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
@@ -397,8 +397,8 @@ def test_unknown_laws_are_refused(arguments, words):
 
 
 def test_a_prior_counts_as_much_for_all_blocks_but_one_as_for_all():
-    # Blocks are copies of one recording. With the weight in proportion to their number, the
-    # errors on a block that is left out do not depend on that number.
+    # Blocks are copies of one recording. With the weight in proportion to their number,
+    # the errors on a block that is left out do not depend on that number.
     model, recording = recording_of('coulomb')
     part = recording.rows(slice(0, 400))
     n = model.n

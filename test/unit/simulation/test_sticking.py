@@ -755,8 +755,8 @@ def test_forces_of_joints_at_rest_solve_their_complementarity_problem(seed):
 @pytest.mark.parametrize('law', [{'friction': 0.01}, {
     'friction': 0.01, 'presliding_stiffness': 50.0}], ids=['dry', 'bristles'])
 def test_stops_are_those_of_the_present_limits(stops_of_first_run, law):
-    # Two wheels, of which the second has no friction: without a stop it is never held. In
-    # chosen speeds the simulation runs in a robot of its own.
+    # Two wheels, of which the second has no friction: without a stop it is never held.
+    # In chosen speeds the simulation runs in a robot of its own.
     b = ModelBuilder('wheels', gravity=(0, 0, 0))
     for name, friction in (('first', law), ('second', {})):
         b.body(name, axis=(0, 0, 1), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), **friction)
