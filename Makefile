@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops; MODE=cartesian: forces against an impedance; MODE=elastic: elastic joints'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2;'
 	@echo 'make test         tests, a quarter of an hour: library, torque path, services'
 	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
@@ -112,14 +112,11 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.files $(METADATA) $(PROJEC
 
 # ---------------------------------------------------------------------- use and tests
 
-ROBOT ?= fr3
-MODE ?= feedforward
-
 # Installs only what the demo needs, on two processors.
 demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.interfaces \
 	  $(VENV)/.project $(VENV)/.imported
-	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)' --mode '$(MODE)'
+	$(ROS_ENV) $(BIN)/python -m kane_dynamics.demo
 
 # What runs nodes in real time has the processors to itself; all else shares them. Faults, starts, whole graphs, plant_node, rarer arms and modes, and long commands are minutes of
 # waiting: colcon-test alone tries them.

@@ -180,5 +180,4 @@ examples:
 Publishes a trajectory for the dynamics node, which must be active, and prints the
 largest difference between measured and desired positions. On a real arm this moves
 the arm. Needs ROS.""",
-    'demo': '',
 }

@@ -42,7 +42,6 @@ COMMANDS = {
     'send': ('A motion for the running node, and how well the arm follows it',
              'send_command.send'),
     'view': ('The robot, its motion and its loads in the browser', 'view_command.view'),
-    'demo': ('Feedforward on a simulated arm, live', 'demo_command.demo'),
 }
 
 INVALID = 2  # exit code of invalid input
@@ -68,11 +67,9 @@ def _main(arguments: list[str]) -> int:
     if arguments == ['--version']:
         print(f'kane-dynamics {package_version()}')
         return 0
-    options: argparse.Namespace
-    options, options.unknown = parser.parse_known_args(arguments)
-    if options.unknown and options.command != 'demo':
-        assert command is not None
-        command.error(f'unrecognized arguments: {" ".join(options.unknown)}')
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown and command is not None:
+        command.error(f'unrecognized arguments: {" ".join(unknown)}')
     # A mistake of the user is one line, no traceback; a closed pipe is the caller's.
     try:
         with compiling.reported_to(_on_stderr):
@@ -154,11 +151,9 @@ def parsers(chosen: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentPars
     for name, (text, function) in COMMANDS.items():
         sub = parsers.add_parser(name, help=text, description=f'{text}.',
                                  epilog=EXAMPLES[name],
-                                 formatter_class=argparse.RawDescriptionHelpFormatter,
-                                 add_help=name != 'demo')
+                                 formatter_class=argparse.RawDescriptionHelpFormatter)
         sub.set_defaults(run=function)
         if name == chosen:
             command = sub
-            if name in ADD:
-                ADD[name](sub)
+            ADD[name](sub)
     return parser, command

@@ -1,4 +1,4 @@
-"""The settings of the demo: robots, their motions and gains, names of nodes."""
+"""The settings of the demo: the arm, its motion and gains, names of nodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,7 +7,6 @@ from pathlib import Path
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.typing import Array
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.smooth_motion import SmoothMotion
 import numpy as np
 
 RATE = 500.0  # joint states, 1/s
@@ -15,17 +14,6 @@ STATE_TIMEOUT = 0.1  # s: largest age of the states that the node uses
 NODE, PLANT = '/kane_dynamics', '/plant'
 DURATION = 8.0  # duration of the motion, s
 POINTS = 10.0  # of the motion, per second
-# Gains of mode elastic, at the motors, N m/rad and N m s/rad.
-MOTOR_KP = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)
-MOTOR_KD = (30.0, 30.0, 30.0, 30.0, 10.0, 10.0, 5.0)
-# Mode cartesian: stiffness along and about the world axes, N/m and N m/rad; forces, N.
-STIFFNESS = (600.0, 600.0, 600.0, 30.0, 30.0, 30.0)
-FORCES = ((0.0, 30.0, 0.0), (0.0, 0.0, -30.0))
-# Mode elastic: states, 1/s, and the fast motion: its duration and the time after it, s.
-ELASTIC_RATE = 1000.0
-FAST, AFTER = 0.5, 0.8
-# Motions of the joints, rad.
-FAST_MOVE = np.array([0.5, 0.3, -0.3, 0.4, 0.4, -0.4, 0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +33,6 @@ class DemoRobot:
         frequency, Hz.
     kp, kd : (n,) arrays
         Gains of a soft servo, N m/rad and N m s/rad.
-    frame : str
-        The frame that is pushed.
-    drives : mapping of str to mapping
-        Drives of the joints in mode elastic, as in a supplement; empty: not offered.
     constraints : Path, optional
         Constraints file of a robot with closed loops. Then only `joints` are measured.
     passive : mapping of str to float
@@ -64,15 +48,8 @@ class DemoRobot:
     frequency: Array
     kp: Array
     kd: Array
-    frame: str
-    drives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     constraints: Path | None = None
     passive: Mapping[str, float] = field(default_factory=dict)
-
-    def fast_motion(self) -> SmoothMotion:
-        """Return a fast motion of every joint from home, whose jerk is continuous."""
-        waypoints = np.stack([self.home, self.home + FAST_MOVE])
-        return SmoothMotion.from_points([0.0, FAST], waypoints, joint_names=self.joints)
 
     def motion(self, duration: float = DURATION) -> Motion:
         """Return a motion of every joint about home, from rest to rest."""
@@ -98,13 +75,6 @@ class DemoRobot:
 
 
 _FR3_JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
-# Joint-side stiffness and rotor inertia of the joints: the first mode has 11 Hz.
-_FR3_STIFFNESS = (14e3, 14e3, 14e3, 14e3, 3e3, 3e3, 3e3)  # N m/rad
-_FR3_ROTORS = (0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2)  # kg m^2
-_FR3_DRIVES = {
-    name: {'stiffness': stiffness, 'damping': 0.2, 'rotor_inertia': inertia}
-    for name, stiffness, inertia in zip(_FR3_JOINTS, _FR3_STIFFNESS, _FR3_ROTORS)}
-
 FR3 = DemoRobot(
     title='A seven-axis arm in MuJoCo',
     urdf=resource_path('urdf', 'fr3.urdf'),
@@ -113,21 +83,4 @@ FR3 = DemoRobot(
     amplitude=np.array([0.9, 0.45, 0.6, 0.5, 0.7, 0.6, 0.9]),
     frequency=np.array([2.0, 3.0, 2.5, 3.0, 4.0, 3.0, 5.0]) / 8.0,
     kp=np.array([150.0, 150.0, 120.0, 120.0, 40.0, 30.0, 15.0]),
-    kd=np.array([12.0, 12.0, 10.0, 10.0, 3.0, 2.5, 1.0]),
-    frame='fr3_hand', drives=_FR3_DRIVES)
-
-PALLETIZER = DemoRobot(
-    title='A palletizer with three parallelograms in MuJoCo',
-    urdf=resource_path('urdf', 'palletizer.urdf'),
-    constraints=resource_path('urdf', 'palletizer.constraints.yaml'),
-    joints=('swivel', 'shoulder', 'turn', 'lever_drive'),
-    home=np.array([0.0, 0.2, 0.0, 0.1]),
-    amplitude=np.array([0.9, 0.35, 1.5, 0.3]),
-    frequency=np.array([2.0, 3.0, 4.0, 2.5]) / 8.0,
-    kp=np.array([30000.0, 30000.0, 60.0, 15000.0]),
-    kd=np.array([2500.0, 2500.0, 5.0, 1200.0]),
-    frame='tool',
-    passive={'elbow': -0.1, 'wrist_pin': -0.1, 'drive_pin': 0.1, 'triangle_pin': -0.2,
-             'rod_1_pin': 0.2, 'rod_2_pin': 0.1})
-
-ROBOTS = {'fr3': FR3, 'palletizer': PALLETIZER}
+    kd=np.array([12.0, 12.0, 10.0, 10.0, 3.0, 2.5, 1.0]))

@@ -229,3 +229,9 @@ def test_bicycle():
     expected = -np.linalg.solve(M, 5.0 * np.array([0.0, -0.85035641456978]) * 0.1)
     assert abs(lean) == pytest.approx(abs(expected[0]), abs=1e-4)
     assert abs(steer) == pytest.approx(abs(expected[1]), abs=1e-4)
+
+
+def test_palletizer():
+    line, = printed('palletizer')
+    alone, helped = numbers(line)
+    assert helped < 1e-3 * alone

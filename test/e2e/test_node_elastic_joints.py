@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 mujoco = pytest.importorskip('mujoco')
-from kane_dynamics.demo.two_mass_arm import TwoMassArm  # noqa: E402, I100
+from two_mass_arm import TwoMassArm  # noqa: E402, I100
 
 JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])

@@ -192,7 +192,7 @@ def test_no_false_state_of_a_palletizer_moves_it(client, start):
 def test_no_false_state_moves_an_arm_of_mujoco(client, start, tmp_path):
     pytest.importorskip('mujoco')
     urdf = FR3.urdf
-    plant = Process(program=['-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
+    plant = Process(program=['-m', 'kane_dynamics.demo.mujoco_plant',
                              str(tmp_path / 'record.npz')])
     joints = [name for name in load_urdf(urdf).joint_names if 'finger' not in name]
     arm = Arm(client, start, joints, plant, urdf=urdf, joints=f'[{",".join(joints)}]')

@@ -11,8 +11,9 @@ import signal
 import time
 
 from false_states import arm, FALSE, FAULT, MOST, NANO, PERIOD, SHORT, simulated_arm
-from kane_dynamics.demo.demo_settings import ROBOTS
+from kane_dynamics.demo.demo_settings import FR3
 from lifecycle_msgs.msg import Transition
+from moved_palletizer import PALLETIZER
 from node_process import DEEP, wait_until
 import numpy as np
 from palletizer import LOOPS, URDF
@@ -20,6 +21,7 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+DEMO_ROBOTS = {'fr3': FR3, 'palletizer': PALLETIZER}
 START = 40  # states at rest before the motion
 LAST = 60  # false states of a fault that lasts
 ATTEMPTS = 3  # of runs in which DDS loses a message
@@ -32,13 +34,13 @@ class MujocoSide:
         mujoco_plant = pytest.importorskip('kane_dynamics.demo.mujoco_plant')
         self._forward = mujoco_plant.mujoco.mj_forward
         self.robot, _, _ = arm(name)
-        self._arm = mujoco_plant.MujocoArm(ROBOTS[name])
+        self._arm = mujoco_plant.MujocoArm(DEMO_ROBOTS[name])
         model = self._arm.model
         joints = [model.joint(joint) for joint in self.robot.joint_names]
         self._q = [joint.qposadr[0] for joint in joints]
         self._u = [joint.dofadr[0] for joint in joints]
         self._motors = [self.robot.joint_names.index(joint)
-                        for joint in ROBOTS[name].joints]
+                        for joint in DEMO_ROBOTS[name].joints]
 
     @property
     def q(self):
@@ -97,7 +99,7 @@ class Lockstep:
         self.states = client.create_publisher(JointState, 'joint_states', DEEP)
         options = {'urdf': URDF, 'constraints': LOOPS}
         if name == 'fr3':
-            options = {'urdf': ROBOTS[name].urdf,
+            options = {'urdf': DEMO_ROBOTS[name].urdf,
                        'joints': f'[{",".join(self.robot.joint_names)}]'}
         self.node = start(real_states=True, use_sim_time='true', mode='computed_torque',
                           gains__kp=100.0, gains__kd=20.0, torque_path=torque_path,

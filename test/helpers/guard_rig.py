@@ -166,7 +166,7 @@ class Rig:
             for k in sorted(os.sched_getaffinity(0))]
         self.failed_at = 0  # system time, ns
         self.plant = Process(program=[
-            '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
+            '-m', 'kane_dynamics.demo.mujoco_plant',
             str(folder / 'record.npz')]) if mujoco else Process(
             module='kane_dynamics.ros.plant.main', **self.urdf, command_timeout=100.0,
             after_timeout='hold', arm_compensates=arm_compensates)

@@ -23,7 +23,7 @@ def arm(**drive):
 
 def in_mujoco(model, **options):
     """Return the same arm in MuJoCo."""
-    from kane_dynamics.demo.two_mass_arm import TwoMassArm
+    from two_mass_arm import TwoMassArm
     return TwoMassArm(URDF.read_text(encoding='utf-8'), model, **options)
 
 

@@ -122,7 +122,7 @@ ELSEWHERE = {
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},
     'view': {'--host', '--port', '--no-open'}}
-IN_GRAPH = ('send', 'demo')
+IN_GRAPH = ('send',)
 
 
 @cache

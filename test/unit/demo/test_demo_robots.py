@@ -1,9 +1,10 @@
 """The robots of the demo: settings fit their files, MuJoCo closes loops."""
 
 from kane_dynamics import load_constraints, load_urdf, Robot
-from kane_dynamics.demo.demo_settings import RATE, ROBOTS
+from kane_dynamics.demo.demo_settings import FR3, RATE
 from kane_dynamics.demo.director import parsed
 from kane_dynamics.demo.tracking_report import torques_by_source
+from moved_palletizer import PALLETIZER
 import numpy as np
 from palletizer import palletizer, positions
 import pytest
@@ -13,9 +14,8 @@ pytest.importorskip('mujoco')
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402, I100
 
 
-@pytest.mark.parametrize('name', ROBOTS)
-def test_a_demo_robot_names_its_joints_in_the_order_of_the_commands(name):
-    demo = ROBOTS[name]
+@pytest.mark.parametrize('demo', [FR3, PALLETIZER])
+def test_a_demo_robot_names_its_joints_in_the_order_of_the_commands(demo):
     if demo.constraints is None:
         assert load_urdf(demo.urdf, joints=demo.joints).joint_names == demo.joints
         return
@@ -25,9 +25,8 @@ def test_a_demo_robot_names_its_joints_in_the_order_of_the_commands(name):
     assert np.abs(robot.constraint_residual(home)).max() < 1e-12
 
 
-@pytest.mark.parametrize('name', ROBOTS)
-def test_the_motion_of_a_demo_robot_stays_within_its_limits(name):
-    demo = ROBOTS[name]
+@pytest.mark.parametrize('demo', [FR3, PALLETIZER])
+def test_the_motion_of_a_demo_robot_stays_within_its_limits(demo):
     q, u, _ = demo.motion().sample(np.linspace(0.0, 8.0, 801))
     model = load_urdf(demo.urdf)
     for k, joint in enumerate(demo.joints):
@@ -38,7 +37,7 @@ def test_the_motion_of_a_demo_robot_stays_within_its_limits(name):
 
 def test_mujoco_with_equality_constraints_moves_the_palletizer_as_its_constraints_say():
     """Feedforward alone, without a servo, follows the motion for a second."""
-    demo = ROBOTS['palletizer']
+    demo = PALLETIZER
     robot = palletizer()
     arm = MujocoArm(demo)
     motion = demo.motion()

@@ -131,7 +131,7 @@ def _add_drive(spec: 'mujoco.MjSpec', elastic: ElasticJoint, motor: Joint,
     if friction and others:
         raise ModelError(f'{what}: motor friction {others}; expected only '
                          f'{", ".join(LINEAR_FRICTION)}, which MuJoCo has')
-    # The rotor turns about a fixed axis, so all its inertia is armature; MuJoCo refuses a
+    # The rotor turns about a fixed axis: all its inertia is armature; MuJoCo refuses a
     # body without mass, whose small inertia is subtracted again.
     rotor = spec.worldbody.add_body(name=motor.name, mass=ROTOR_MASS,
                                     inertia=[ROTOR_MASS] * 3, explicitinertial=True)
