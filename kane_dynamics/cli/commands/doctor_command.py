@@ -67,10 +67,20 @@ def doctor(options: Namespace) -> int:
         findings += live_graph.examine_graph(
             node_robot, options.live, options.namespace, options.commands,
             options.joint_states,
-            _stated_efforts(options))
+            _stated_efforts(options), _locked(options, node_robot))
 
     _print(findings, options)
     return int(any(finding.level == 'problem' for finding in findings))
+
+
+def _locked(options: Namespace, robot: Robot) -> dict[str, float]:
+    """Return the joints of a URDF that the robot has at 0, and how far they may be from it."""
+    source = source_of(options)
+    if is_mjcf(source):
+        return {}
+    files = extra('kane_dynamics.ros.common.configuration_files', 'ros', '--live')
+    locked: dict[str, float] = files.locked_joints(source, options.prefix, robot.model)
+    return locked
 
 
 def _shapes(source: str | bytes) -> tuple[LinkShape, ...]:

@@ -74,7 +74,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     supplement = None
     if values['supplement']:
         supplement = resolve_path('supplement', values['supplement'])
-    source = _expanded(source, values)
+    source = expanded(source, values)
     joints = list(values['joints']) or None  # None: all
     # Warnings of the model go to the node's log.
     with warnings.catch_warnings(record=True) as caught:
@@ -89,7 +89,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     return model.prefixed(values['prefix']) if values['prefix'] else model
 
 
-def _expanded(source: str | Path, values: Mapping[str, Any]) -> str | Path:
+def expanded(source: str | Path, values: Mapping[str, Any]) -> str | Path:
     """Return the URDF of a xacro file with arguments, and other sources as they are."""
     if not values['xacro_arguments']:
         return source
@@ -99,7 +99,7 @@ def _expanded(source: str | Path, values: Mapping[str, Any]) -> str | Path:
     return expand_xacro(source, arguments_of(values['xacro_arguments']))
 
 
-def locked_joints(source: str | Path, values: Mapping[str, Any],
+def locked_joints(source: str | bytes | Path, prefix: str,
                   model: Model) -> dict[str, float]:
     """
     Return the joints of the URDF that the model has locked at 0, by their names.
@@ -107,11 +107,9 @@ def locked_joints(source: str | Path, values: Mapping[str, Any],
     Each has the largest position, rad or m, at which it may be instead: the weight that
     it carries then changes the torques by at most `LITTLE` of the weakest motor.
     """
-    if not (values['joints'] or values['base'] or values['tip']):
-        return {}
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        whole = load_urdf(_expanded(source, values))
+        whole = load_urdf(source)
     lengths = np.array([np.linalg.norm(body.joint.translation)
                         + np.linalg.norm(body.inertial.com) for body in whole.bodies])
     weights = np.array([9.81 * body.inertial.mass for body in whole.bodies])
@@ -120,7 +118,7 @@ def locked_joints(source: str | Path, values: Mapping[str, Any],
     allowed = {}
     for k, body in enumerate(whole.bodies):
         name = whole.coordinate_names[body.joint.coordinate]
-        prefixed = f"{values['prefix']}{name}"
+        prefixed = f'{prefix}{name}'
         if prefixed in model.coordinate_names or body.joint.name != name:
             continue
         carried = [i for i in range(len(whole.bodies)) if k in whole.path(i)]

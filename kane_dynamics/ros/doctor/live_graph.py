@@ -1,6 +1,6 @@
 """The checks of `kane-dynamics doctor` for a live ROS graph."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 import time
 from typing import NamedTuple
@@ -45,7 +45,8 @@ class ReceivedState(NamedTuple):
 
 def examine_graph(robot: Robot, seconds: float, namespace: str = '',
                   commands: str = 'commands', joint_states: str = 'joint_states',
-                  efforts: Efforts | None = None) -> list[Finding]:
+                  efforts: Efforts | None = None,
+                  locked: Mapping[str, float] | None = None) -> list[Finding]:
     """
     Subscribe to the topics of a live graph for some time and return the findings.
 
@@ -63,6 +64,8 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '',
         Names of the topics, for example those of a controller.
     efforts : Efforts, optional
         The stated meaning of the efforts; default: not stated.
+    locked : mapping of str to float, optional
+        Joints that the robot has at 0, and how far from it they may be, rad or m.
 
     """
     # A node of its own, which leaves the graph when the examination ends.
@@ -72,6 +75,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '',
         node = Node('kane_dynamics_doctor', namespace=namespace, context=context)
         examination = GraphExamination(robot, node, commands, joint_states)
         findings = examination.run(context, seconds, efforts)
+        findings += examination.locked_elsewhere(locked or {})
         node.destroy_node()
         return findings
     finally:
@@ -130,6 +134,19 @@ class GraphExamination:
         return [*examine_states(self._robot, self._received, seconds, efforts),
                 *self._state_publishers(len(foreign)), *self._command_ends(),
                 *self._descriptions()]
+
+    def locked_elsewhere(self, locked: Mapping[str, float]) -> list[Finding]:
+        """Return a problem for joints that are far from 0, where the robot has them."""
+        elsewhere = {}
+        for state in self._received:
+            for name, q in zip(state.message.name, state.message.position, strict=False):
+                if abs(q) > locked.get(name, np.inf):
+                    elsewhere[name] = f'{name} {q:.3g}'
+        if not elsewhere:
+            return []
+        return [Finding('problem', 'joints that are locked at 0 are elsewhere: '
+                        f'{listed(list(elsewhere.values()))}; expected them there, or among '
+                        'the joints that move')]
 
     def _foreign_names(self) -> set[tuple[str, ...]]:
         """Return the name lists of joint states without any joint of the robot."""

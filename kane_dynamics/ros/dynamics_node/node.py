@@ -14,8 +14,8 @@ from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
-from kane_dynamics.ros.common.configuration_files import (load_model, locked_joints,
-                                                          resolve_path)
+from kane_dynamics.ros.common.configuration_files import (expanded, load_model,
+                                                          locked_joints, resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -393,7 +393,10 @@ class DynamicsNode(LifecycleNode):
         with reported_to(log.info):
             self.arm = ConfiguredRobot(self, self.server, model, self.values,
                                        self.statistics, self._warn)
-        self.arm.path.require_locked(locked_joints(source, self.values, model))
+        if self.values['joints'] or self.values['base'] or self.values['tip']:
+            whole = expanded(source, self.values)
+            locked = locked_joints(whole, self.values['prefix'], model)
+            self.arm.path.require_locked(locked)
         if self.values['bond']:
             self._open_bond()
         realtime.exclude_existing_objects()

@@ -74,9 +74,7 @@ def test_a_state_with_a_locked_joint_elsewhere_is_dropped():
 def test_locked_joints_may_be_where_they_change_the_torques_little(arm, joints, locked):
     path = resource_path('urdf', arm)
     model = load_urdf(path, joints=joints)
-    values = {'joints': joints, 'base': '', 'tip': '', 'prefix': '',
-              'xacro_arguments': []}
-    allowed = locked_joints(path, values, model)
+    allowed = locked_joints(path, '', model)
     assert set(allowed) == locked
     at_zero = Robot(model)
     q = at_zero.random_configuration(np.random.default_rng(0), 20)
@@ -85,7 +83,7 @@ def test_locked_joints_may_be_where_they_change_the_torques_little(arm, joints, 
         moved = Robot(load_urdf(path, joints=joints, locked={name: min(position, 0.04)}))
         change = np.abs(moved.gravity_force(q) - at_zero.gravity_force(q)).max()
         assert change < 0.02 * weakest
-    assert locked_joints(path, {**values, 'joints': []}, load_urdf(path)) == {}
+    assert locked_joints(path, '', load_urdf(path)) == {}
 
 
 def test_a_missing_velocity_is_zero_if_it_is_not_needed():
