@@ -4,6 +4,7 @@ import itertools
 import re
 import threading
 import time
+from types import SimpleNamespace
 
 from kane_dynamics import InputError, load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
@@ -421,12 +422,14 @@ def test_threads_process_every_state_once(monkeypatch):
 def test_work_is_divided_by_its_known_pace(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '2')
     monkeypatch.setattr(threads, 'THREAD_WORK', 0.2)
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(threads, 'time', SimpleNamespace(perf_counter=lambda: clock.now))
     paces = {}
     runs = []
 
     def work(begin, end, number):
         runs.append((begin, end, number))
-        time.sleep(pause)
+        clock.now += pause
         return 1
     pause = 0.0
     assert threads.run_in_threads(work, 1000, 8, 2, paces, 'kernel') == 1
