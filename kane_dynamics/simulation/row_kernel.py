@@ -163,6 +163,7 @@ class ModeChoice(NamedTuple):
     contacts: tuple[RowMode, ...]
     begins: Array
     floors: Array  # (c,), distances where the modes begin
+    stops: Array  # (2, k), lower and upper; where a joint at its stop is, if others hold it
 
     def directions(self, rows: RowSet) -> Array:
         """Return the directions of friction of joints, (k,), as `friction_torque`."""
@@ -181,7 +182,7 @@ class ModeChoice(NamedTuple):
         bound = [float(mode == RowMode.BOUND) for mode in self.contacts]
         return np.concatenate([
             [float(mode in HELD) for mode in self.joints], self.directions(rows), sides,
-            np.maximum(rows.lower, -FINITE), np.minimum(rows.upper, FINITE), at_bound,
+            np.clip(self.stops, -FINITE, FINITE).ravel(), at_bound,
             touching, sticking, bound, np.minimum(0.0, self.floors),
             np.ravel(self.begins.T)])
 

@@ -15,7 +15,7 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, HELD, ModeChoice, Response,
+from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, AT_STOP, HELD, ModeChoice, Response,
                                                  response_kernel, responses, RowMode,
                                                  RowSet)
 from kane_dynamics.simulation.trajectory import ContactMode
@@ -25,6 +25,7 @@ TOUCHING = 1e-9  # rad or m: distance of rows that touch
 AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
 SLOW = 1e-9  # m/s: speed of a contact at rest
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
+DRIVEN = 1e-12  # response of a joint that constraints drive, relative to the largest one
 SHORT_FLIGHT = 1e-3  # of a step: a flight that is shorter is none
 FEEDBACK = 4.0  # characteristic rates of the mechanism: how fast held rows lose their errors
 CONTACT_MODES = {RowMode.OFF: ContactMode.OPEN, RowMode.STICKING: ContactMode.STICKING,
@@ -148,6 +149,7 @@ class RowModes:
         hits = touching & (into > slow)
         if not hits.any():
             return state, None
+        self._require_response(now, hits, t)
         away = np.abs(now.a[self._contacts])
         flight = 2.0 * rows.restitution * np.maximum(0.0, into[k:])
         short = flight <= SHORT_FLIGHT * self._step * away
@@ -183,10 +185,21 @@ class RowModes:
             p[k:].reshape(c, 3), float(-0.5 * p @ (now.v + v)),
             frozenset(np.flatnonzero(hits[k:] & short & (rows.restitution > 0.0)).tolist()))
 
+    def _require_response(self, now: Response, hits: Any, t: float) -> None:
+        """Raise ConstraintError for a joint that constraints drive into its stop."""
+        of_joints = np.diag(now.A)[:len(self.rows.joints)]
+        driven = hits[:len(of_joints)] & (of_joints <= DRIVEN * np.max(np.diag(now.A)))
+        if driven.any():
+            place = self.rows.places[int(np.argmax(driven))]
+            raise ConstraintError(f"{t:.6g} s: joint "
+                                  f"'{self.rows.robot.coordinate_names[place]}' is at its "
+                                  'stop, and the constraints drive it on; expected a '
+                                  'motion between the stops')
+
     def _sides(self, state: Array) -> Array:
         """Return the stops that joints touch, (k,): 1 upper, -1 lower, else 0."""
         q = state[self.rows.places]
-        near = 0.0 if self.rows.tree else TOUCHING
+        near = 0.0 if self.rows.tree else 3.0 * AT_STOP
         return np.where(q >= self.rows.upper - near, 1.0,
                         np.where(q <= self.rows.lower + near, -1.0, 0.0))
 
@@ -222,20 +235,27 @@ class RowModes:
                 joints[j] = RowMode.FORWARD if now.v[j] > 0.0 else RowMode.BACKWARD
         resting = {j for j in range(k) if not moving[j] and (rows.rubs[j] or sides[j])}
         contacts = np.full(c, RowMode.OFF, dtype=object)
+        stops = np.array([rows.lower, rows.upper])
         begins = np.zeros((c, 2))
         slow_normal = np.maximum(SLOW, short[self._contacts])
         rests = (now.distances <= TOUCHING) & (now.v[self._contacts] <= slow_normal)
         touching = np.flatnonzero(rests).tolist()
 
         for _ in range(2 * k + 2):
-            modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances)
+            modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
             now = self.response(state, tau, modes.directions(rows), t)
             f, begun = self._settled(now, sides, sorted(resting), touching, joints,
                                      contacts, begins, breaks)
             if not begun:
                 break
             resting -= begun
-        return ModeChoice(tuple(joints), tuple(contacts), begins, now.distances), now, f
+        # A joint that others hold at its stop is there to rounding.
+        q = state[rows.places]
+        free = np.array([mode not in HELD for mode in joints], dtype=bool)
+        stops = np.array([np.where(free & (sides < 0.0), np.minimum(stops[0], q), stops[0]),
+                          np.where(free & (sides > 0.0), np.maximum(stops[1], q), stops[1])])
+        choice = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
+        return choice, now, f
 
     def _settled(self, now: Response, sides: Array, resting: list[int],
                  touching: list[int], joints: Any, contacts: Any, begins: Array,

@@ -176,11 +176,12 @@ class RowSteps:
             if step == done and np.array_equal(state, rows[0]):
                 modes = modes_there
         at, piece = 0, FIRST
+        state = rows[0]  # from which the steps go on, after impacts
         while at < end:
             if modes is None:
-                rows[at], modes = path.begun(rows[at], done + at, 0.0)
+                state, modes = path.begun(state, done + at, 0.0)
             count = min(piece, end - at)
-            computed, guards, power = path.scanned(rows[at], done + at, count, modes)
+            computed, guards, power = path.scanned(state, done + at, count, modes)
             good = ((guards.forces > 0.0).all(axis=1) & (guards.ends > 0.0).all(axis=1)
                     & self._accepted(computed))
             valid = count if good.all() else int(np.argmin(good))
@@ -196,6 +197,8 @@ class RowSteps:
             rows[at + 1:at + 1 + valid] = computed[:valid]
             path.dissipated(done + at, np.append(power[:valid], ends))
             at += valid
+            if valid:
+                state = rows[at]
             piece = GROWTH * piece if valid == count else FIRST
             if valid == count:
                 continue
@@ -204,11 +207,11 @@ class RowSteps:
                 return
             if not (guards.forces[valid] > 0.0).all():
                 modes = None  # the torque has changed
-                rows[at], modes = path.begun(rows[at], done + at, 0.0)
-            after, modes = path.through(rows[at], done + at, modes)
-            rows[at + 1] = after
+                state, modes = path.begun(state, done + at, 0.0)
+            state, modes = path.through(state, done + at, modes)
+            rows[at + 1] = state
             if not self._accepted(rows[at + 1:at + 2])[0]:
-                rows[at + 1:] = after
+                rows[at + 1:] = state
                 return
             at += 1
         if modes is not None:
