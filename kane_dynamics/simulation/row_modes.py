@@ -25,6 +25,7 @@ TOUCHING = 1e-9  # rad or m: distance of rows that touch
 AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
 SLOW = 1e-9  # m/s: speed of a contact at rest
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
+LIFT = 1e-3  # response of a contact that slides, relative to that of one without friction
 DRIVEN = 1e-12  # response of a joint that constraints drive, relative to the largest one
 SHORT_FLIGHT = 1e-3  # of a step: a flight that is shorter is none
 FEEDBACK = 4.0  # characteristic rates of the mechanism: how fast held rows lose their errors
@@ -136,8 +137,13 @@ class RowModes:
         return responses(self.rows, self._kernel, state[None], tau[None], directions[None],
                          np.array([t]))[0]
 
-    def impact(self, state: Array, tau: Array, t: float) -> tuple[Array, Impulses | None]:
-        """Return a state, (size,), after the impulses of rows that touch and approach."""
+    def impact(self, state: Array, tau: Array, t: float,
+               breaks: Collection[int] = ()) -> tuple[Array, Impulses | None]:
+        """
+        Return a state, (size,), after the impulses of rows that touch and approach.
+
+        Arguments as of `choose`.
+        """
         rows = self.rows
         k, c = len(rows.joints), len(rows.pairs)
         now = self.response(state, tau, np.zeros(k), t)
@@ -147,6 +153,9 @@ class RowModes:
         touching = np.concatenate([sides != 0.0, now.distances <= TOUCHING])
         slow = np.concatenate([rows.slow, np.full(c, SLOW)])
         hits = touching & (into > slow)
+        for i in breaks:
+            if i >= k:
+                self._require_lift(now, i - k)
         if not hits.any():
             return state, None
         self._require_response(now, hits, t)
@@ -185,16 +194,31 @@ class RowModes:
             p[k:].reshape(c, 3), float(-0.5 * p @ (now.v + v)),
             frozenset(np.flatnonzero(hits[k:] & short & (rows.restitution > 0.0)).tolist()))
 
+    def _require_lift(self, now: Response, i: int) -> None:
+        """Raise ConstraintError if friction presses a contact on while it slides."""
+        normal = self._contacts[i]
+        both = [normal + 1, normal + 2]
+        slip = now.v[both]
+        speed = float(np.linalg.norm(slip))
+        if speed <= SLOW:
+            return
+        by_friction = self.rows.friction[i] * now.A[normal, both] @ (slip / speed)
+        if now.A[normal, normal] - by_friction <= LIFT * now.A[normal, normal]:
+            raise ConstraintError(
+                f"contact '{self.rows.pairs[i].name}': its friction presses it on while it "
+                'slides, so that no force ends the approach; expected less friction '
+                "(Painleve's paradox)")
+
     def _require_response(self, now: Response, hits: Any, t: float) -> None:
         """Raise ConstraintError for a joint that constraints drive into its stop."""
         of_joints = np.diag(now.A)[:len(self.rows.joints)]
         driven = hits[:len(of_joints)] & (of_joints <= DRIVEN * np.max(np.diag(now.A)))
         if driven.any():
             place = self.rows.places[int(np.argmax(driven))]
-            raise ConstraintError(f"{t:.6g} s: joint "
-                                  f"'{self.rows.robot.coordinate_names[place]}' is at its "
-                                  'stop, and the constraints drive it on; expected a '
-                                  'motion between the stops')
+            name = self.rows.robot.coordinate_names[place]
+            raise ConstraintError(f"{t:.6g} s: joint '{name}' is at its stop, and the "
+                                  'constraints drive it on; expected a motion between the '
+                                  'stops')
 
     def _sides(self, state: Array) -> Array:
         """Return the stops that joints touch, (k,): 1 upper, -1 lower, else 0."""
@@ -281,11 +305,7 @@ class RowModes:
             if speed > SLOW:
                 # The friction of a contact that slides goes with its normal force.
                 A[:, normal] -= rows.friction[i] * A[:, both] @ (slip / speed)
-                if A[normal, normal] <= 0.0:
-                    raise ConstraintError(
-                        f"contact '{rows.pairs[i].name}': its friction presses it on while it "
-                        'slides, so that no force ends the approach; expected less '
-                        "friction (Painleve's paradox)")
+                self._require_lift(now, i)
                 contacts[i] = RowMode.SLIDING
                 begins[i] = slip / speed
             else:

@@ -158,23 +158,27 @@ class RowSteps:
             events = [event._replace(state=None) for event in events]
         return tuple(events)
 
-    # The steps of one simulation.
-
-    def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
-        """Compute the states of simulation i after each step, (K + 1, size)."""
-        path = _Path(self, source, i)
-        end = len(rows) - 1
+    def _modes_at(self, i: int, done: int, state: Array) -> ModeChoice | None:
+        """Return the modes of a simulation after `done` steps, None if they are not known."""
         if not done and self._contacts.pairs:
             # Contacts hold to rounding: the balance cannot be better than that.
             model = self._robot.model
             weight = sum(body.inertial.mass for body in model.bodies) * np.linalg.norm(
                 self._robot.parameters.gravity)
             self.record(i, 0, 0.0, TOUCHING * float(weight))
-        modes = None
         if i in self._known:
-            step, state, modes_there = self._known[i]
-            if step == done and np.array_equal(state, rows[0]):
-                modes = modes_there
+            step, known_state, modes = self._known[i]
+            if step == done and np.array_equal(known_state, state):
+                return modes
+        return None
+
+    # The steps of one simulation.
+
+    def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
+        """Compute the states of simulation i after each step, (K + 1, size)."""
+        path = _Path(self, source, i)
+        end = len(rows) - 1
+        modes = self._modes_at(i, done, rows[0])
         at, piece = 0, FIRST
         state = rows[0]  # from which the steps go on, after impacts
         while at < end:
@@ -318,7 +322,7 @@ class _Path:
         """Return the state after impacts, and its modes, `passed` s after a step's begin."""
         tau = self._source.torque_within(state, step, passed)
         t = self._source.start + step * self._step + passed
-        after, impact = self._rows.impact(state, tau, t)
+        after, impact = self._rows.impact(state, tau, t, breaks)
         if impact is not None:
             self._steps.hit(self._i, step, t, impact, self._rows, state)
             self._steps.record(self._i, step, impact.loss, 0.0)
