@@ -93,7 +93,7 @@ def reference(state, end, mu):
         if begin:
             state = state + begin * rates(t, state)
         run = integrate.solve_ivp(rates, (t + begin, end), state, method='DOP853',
-                                  t_eval=[*later], events=watched, rtol=1e-11, atol=1e-12)
+                                  t_eval=later, events=watched, rtol=1e-11, atol=1e-12)
         rows += list(run.y.T)
         if run.status == 0:
             break
