@@ -610,7 +610,7 @@ class ConfiguredRobot:
         self._refuse_unstable(values, changed)
 
     def instability_at_start(self) -> str:
-        """Return what is unstable at the rate of the states until now; empty if unknown."""
+        """Return why the mode is unstable at the rate of the states; empty if unknown."""
         if self.fault:
             return ''
         q, period = self.path.idle_states()

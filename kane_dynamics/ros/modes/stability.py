@@ -1,4 +1,4 @@
-"""Whether the feedback of a mode is stable at the rate of the joint states."""
+"""The stability of the feedback of a mode at the rate of the joint states."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -41,7 +41,7 @@ class Feedback(NamedTuple):
 def instability(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode,
                 q: Array, period: float, gains: tuple[Array, Array] | None = None) -> str:
     """
-    Return what makes the feedback of a mode unstable, in words; empty if it is stable.
+    Return the reason for which the feedback of a mode is unstable; empty if it is stable.
 
     A torque is held for a period, and comes one period late.
 
