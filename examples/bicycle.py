@@ -1,6 +1,6 @@
 """The Whipple bicycle of the 2007 benchmark: z up, y left, origin below the rear hub."""
 
-from kane_dynamics import Inertial, ModelBuilder, Robot, Rolling
+from kane_dynamics import Inertial, linearized, ModelBuilder, Robot, Rolling
 import numpy as np
 
 y = (0, 1, 0)
@@ -30,3 +30,7 @@ if __name__ == '__main__':
     u[0] = 0.1  # it begins to fall to the right, and steers to the right
     udot = bicycle.forward_dynamics(q, u, none)
     print(dict(zip(bicycle.speed_names, udot.round(6).tolist())))
+    u[0] = 0.0
+    for eigenvalue, name in linearized(bicycle, q, u, none).modes():
+        if name.endswith(('steer', 'frame/rx')):  # not those of place and heading
+            print(f'{eigenvalue:.6f} {name}')

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take a while
+    from kane_dynamics.analysis.linearization import equilibrium, Linearization, linearized
     from kane_dynamics.analysis.power_balance import power_balance
     from kane_dynamics.analysis.vibration import natural_vibration
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
@@ -78,7 +79,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance',
            'JointTorqueFeedback', 'KaneError', 'Limits',
-           'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
+           'Linearization', 'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'MotorSideControl', 'MotorTracking',
            'OperationalSpace', 'PartnerState', 'PlaneSurface', 'PointVelocity',
@@ -90,8 +91,9 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
-           'expand_xacro',
+           'equilibrium', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'in_task_speeds', 'inverse_kinematics', 'knife_edge',
+           'linearized',
            'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
@@ -100,6 +102,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'with_locked', 'with_model', 'with_names', 'with_rigid_joints', 'with_tool']
 
 _NAMES_BY_MODULE = {
+    'analysis.linearization': 'equilibrium Linearization linearized',
     'analysis.power_balance': 'power_balance',
     'analysis.vibration': 'natural_vibration',
     'control.collision_detection': 'CollisionDetector frame_wrench',

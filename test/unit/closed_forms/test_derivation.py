@@ -5,8 +5,7 @@ import warnings
 from kane_dynamics import Inertial, InputError, ModelBuilder, Robot
 from kane_dynamics.closed_forms import derivation, polynomials
 from kane_dynamics.closed_forms.derivation_code import as_code, Program
-from kane_dynamics.closed_forms.derivation_text import (as_csv, as_data, as_latex,
-                                                        as_markdown, as_text)
+from kane_dynamics.closed_forms.derivation_text import as_csv, as_data, as_text
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import exact, Symbolic, symbols, unwrapped
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
@@ -147,8 +146,10 @@ def test_all_formats_hold_the_same_equations():
     text = as_text(form, count)
     dependent = form.u[form.dependent[0]]
     assert '3. Constraints: ' in text and f"\n{dependent}' = " in text
-    assert as_latex(form).count(r'\[') == as_latex(form).count(r'\]') > 10
-    markdown = as_markdown(form)
+    assert text.startswith(form.text().partition('\noperations')[0])
+    assert form.latex().count(r'\[') == form.latex().count(r'\]') > 10
+    assert form.code('c').startswith('#include <math.h>')
+    markdown = form.markdown()
     assert '| r | omega of body | v of body |' in markdown
     data = as_data(form, count)
     assert sp.sympify(data['mass_matrix'][0][0]).free_symbols
@@ -163,6 +164,16 @@ def test_numbers_are_exact_and_printed_with_six_digits():
     close(M, robot.mass_matrix(q))
     close(f, -robot.bias_force(q, u))
     assert form.parameters == []
+
+
+def test_expanded_expressions_have_no_letters():
+    form = derivation(ROBOTS['four-bar revolute'])
+    assert form.M.free_symbols & set(form.letters)
+    expanded = form.expanded(form.M)
+    assert expanded.free_symbols.isdisjoint(form.letters)
+    q, _, _ = paper_mechanisms.state(form.robot)
+    values = dict(zip(form.q, q)) | {p.symbol: p.value for p in form.parameters}
+    close(np.array(expanded.subs(values), dtype=float), form.robot.mass_matrix(q), 1e-10)
 
 
 def test_signs_of_roots_are_those_at_the_configuration_and_stated():
