@@ -220,6 +220,8 @@ def test_sleigh():
 
 def test_bicycle():
     loads, begins, *eigenvalues = printed('bicycle')
+    assert [float(line.split()[0].split('+')[0]) for line in eigenvalues[::3]] == (
+        pytest.approx([-14.07838969279822, -0.32286642900409], abs=1e-6))
     front = g * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02
     assert [numbers(loads)[k] for k in (2, 5)] == pytest.approx([94 * g - front, front],
                                                                 abs=1e-5)
