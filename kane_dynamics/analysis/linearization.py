@@ -87,7 +87,7 @@ def linearized(robot: Robot, q: Any, u: Any = None, tau: Any = None, *,
         tau = robot.bias_force(q, u, t=t)
     accelerations = robot.derivative('forward_dynamics', q, u, tau, by=('q', 'u', 'tau'),
                                      t=t)
-    by_q, by_u = _rate_derivatives(robot, q, u, t)
+    by_q, by_u = robot.derivative('joint_rates', q, u, by=('q', 'u'), t=t)
 
     # dq = G dx of deviations dx of the joints, and dx' = G^+ (dq' - G' dx).
     G = _coordinate_rates(robot, q)
@@ -137,8 +137,7 @@ def equilibrium(robot: Robot, near: Any = None, tau: Any = None) -> tuple[Array,
     if near is None:
         near = robot.feasible_configuration()
     q = require_unit(robot.model, finite_row(near, 'near', robot.coordinate_names), 'near')
-    if robot.constraint_names:
-        q = robot.closed_configuration(q)
+    q = robot.closed_configuration(q)
     rest = np.zeros(robot.n)
     force = robot.bias_force(q, rest)
     if tau is None:
@@ -150,14 +149,12 @@ def equilibrium(robot: Robot, near: Any = None, tau: Any = None) -> tuple[Array,
         if np.abs(residual).max() <= BALANCED * start:
             return q, torque
         slope = robot.derivative('bias_force', q, rest, by='q')
-        step = np.linalg.lstsq(slope @ _rate_derivatives(robot, q, rest, 0.0)[1],
-                               -residual, rcond=None)[0]
+        along = robot.derivative('joint_rates', q, rest, by='u')
+        step = np.linalg.lstsq(slope @ along, -residual, rcond=None)[0]
         # A shorter step where the full one, of at most a radian, does not help.
         step /= max(1.0, np.abs(step).max())
         for _ in range(STEPS):
-            moved = robot.integrate(q, step)
-            if robot.constraint_names:
-                moved = robot.closed_configuration(moved)
+            moved = robot.closed_configuration(robot.integrate(q, step))
             remaining = robot.bias_force(moved, rest) - torque
             if np.abs(remaining).max() < np.abs(residual).max():
                 break
@@ -171,14 +168,6 @@ def equilibrium(robot: Robot, near: Any = None, tau: Any = None) -> tuple[Array,
                      'start nearer to the equilibrium')
 
 
-def _rate_derivatives(robot: Robot, q: Array, u: Array, t: float) -> tuple[Array, Array]:
-    """Return the derivatives of q', (n_q, n_q) and (n_q, n), by q and u."""
-    if robot.equations.in_joint_rates:
-        return np.zeros((robot.n_q, robot.n_q)), np.eye(robot.n)
-    by_q, by_u = robot.derivative('joint_rates', q, u, by=('q', 'u'), t=t)
-    return by_q, by_u
-
-
 def _coordinate_rates(robot: Robot, q: Array) -> Array:
     """Return G, (n_q, n_j): q' per unit of each joint's speed."""
     rows = [coordinate_rates(robot.model, q, unit) for unit in np.eye(robot.model.n)]
@@ -188,8 +177,6 @@ def _coordinate_rates(robot: Robot, q: Array) -> Array:
 def _admitted(robot: Robot, q: Array, G: Array, t: float) -> tuple[list[int], Array]:
     """Return the places of the independent joints, and the deviations of all, (n_j, k)."""
     n = robot.model.n
-    if not robot.constraint_names:
-        return list(range(n)), np.eye(n)
     rows = robot.derivative('constraint_residual', q, by='q', t=t) @ G
     # Pivots, each the largest column that is left, make joints dependent; joints whose
     # rates are independent speeds come last.
@@ -201,7 +188,7 @@ def _admitted(robot: Robot, q: Array, G: Array, t: float) -> tuple[list[int], Ar
             size = np.linalg.norm(left, axis=0)
             size[[k for k in range(n) if last[k] != chosen or k in dependent]] = 0.0
             k = int(np.argmax(size))
-            if size[k] <= RANK * max(1.0, np.abs(rows).max()):
+            if size[k] <= RANK * max(1.0, np.abs(rows).max(initial=0.0)):
                 break
             unit = left[:, k] / size[k]
             left = left - np.outer(unit, unit @ left)
