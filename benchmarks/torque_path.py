@@ -302,6 +302,7 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     path = rig.path
     assert isinstance(path, NativeTorquePath)
     clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+    path.native.publish_to(0, 0)
     path.native.set_fields(clock=clock_function(), clock_handle=handle_address(clock))
     for _ in range(3):  # the layout is learned, and a first state is confirmed
         path.on_state(rig.message())

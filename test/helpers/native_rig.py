@@ -7,7 +7,6 @@ The clock is manual, and the publishers are in Python.
 import ctypes
 import math
 import time
-from types import SimpleNamespace
 from typing import NamedTuple
 from unittest.mock import patch
 
@@ -22,55 +21,20 @@ import numpy as np
 NANO = 10**9
 EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
 
-CLOCK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int64))
 STEADY = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_int64))
-PUBLISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
-                           ctypes.c_void_p)
-# Stand for the handles of publishers.
-COMMANDS = 1
-TORQUES = 2
-STAMPED = 3
-REQUESTS = 4
 
 
-def native_path(controller, commands, torques, now, *arguments, stamped=None, **named):
+def native_path(controller, commands, torques, now, *arguments, **named):
     """Return a native torque path that runs in the calling thread."""
     path = NativeTorquePath(controller, commands, torques, now, *arguments, **named)
-    loop = path.native
-    loop.publish_to(COMMANDS, TORQUES, None if stamped is None else STAMPED)
-    path.outputs = {COMMANDS: (commands, loop.command), TORQUES: (torques, loop.torques),
-                    STAMPED: (stamped, loop.stamped)}
-
-    def clock(handle, nanoseconds):
-        nanoseconds[0] = now()
-        return 0
 
     def steady(kind, seconds):
         """Write seconds and nanoseconds of the steady clock, which tests may replace."""
         seconds[0], seconds[1] = divmod(round(time.perf_counter() * 1e9), 10**9)
         return 0
-
-    def publish(publisher, message, allocation):
-        to, prepared = path.outputs[publisher]
-        try:
-            to.publish(prepared.serialized())
-        except RuntimeError:
-            return 1
-        return 0
-    callbacks = SimpleNamespace(clock=CLOCK(clock), publish=PUBLISH(publish),
-                                steady=STEADY(steady))
-    path.callbacks = callbacks  # alive as long as the path
-    loop.set_fields(clock=function_address(callbacks.clock), clock_handle=0,
-                    publish=function_address(callbacks.publish),
-                    steady=function_address(callbacks.steady))
+    path.steady = STEADY(steady)  # alive as long as the path
+    path.native.set_fields(steady=function_address(path.steady))
     return path
-
-
-def guarded(path, link):
-    """Let a native path follow the rules of a link to torque_guard."""
-    path.outputs[REQUESTS] = link.requests, path.native.request
-    path.use_guard(link)
-    path.native.ask(REQUESTS)
 
 
 class Sink:

@@ -28,7 +28,7 @@ from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERR
                                           STATIC_TRANSFORMS, THREAD_STATES, TRANSFORMS,
                                           watched)
 from kane_dynamics.ros.common.rcl_functions import (destroy_subscription_of_thread,
-                                                    guard_condition, handle_address,
+                                                    guard_condition,
                                                     subscription_of_thread,
                                                     UnsupportedError)
 from kane_dynamics.ros.common.throttle import ThrottledWarning
@@ -68,6 +68,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader
                                                               ClosedLoopReader,
                                                               command_fault,
                                                               commanded_joints)
+from kane_dynamics.ros.torque_path.executors import ThreadExecutor
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
@@ -191,7 +192,9 @@ class ConfiguredRobot:
         loops = None
         if not self.fault:
             loops = closed_loop_reader(controller, values)
-        self._needs_interpreter = self._reason_for_interpreter(controller, loops)
+        # The compiled laws need no interpreter; it may run their loop nevertheless.
+        self._untraced = self.fault or python_reason(values, controller, loops)
+        self._needs_interpreter = self._reason_for_interpreter()
         if self._needs_interpreter and not self.fault:
             self._refuse_native(self._needs_interpreter)
         self._compile_first(controller)
@@ -239,7 +242,7 @@ class ConfiguredRobot:
         if controller.bending is not None:
             robots.append(controller.bending.robot)
         jobs: list[Callable[[], object]] = []
-        if not self._needs_interpreter:
+        if not self._untraced:
             jobs.append(compile_loop)  # its rules are compiled with the path
         elif not self.fault:
             jobs += [self.modes.compile, controller.compile]
@@ -329,8 +332,6 @@ class ConfiguredRobot:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
                                    len(self.path.messages.joints), self._digest)
             self.path.use_guard(self.guard)
-            if isinstance(self.path, NativeTorquePath):
-                self.path.native.ask(handle_address(self.guard.requests))
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
         # Gravity of a mobile base comes from its IMU.
@@ -386,19 +387,19 @@ class ConfiguredRobot:
         node = self._node
         # The native path where possible; otherwise the interpreter's, with the reason, unless
         # the native one is asked for.
+        kind = TorquePath if self._untraced else NativeTorquePath
+        path = kind(controller, self._commands, torques, *arguments)
         reason = self._needs_interpreter
         if not reason:
+            assert isinstance(path, NativeTorquePath)
             try:
-                opened_path = self._open_native_path(controller, torques, opened,
-                                                     arguments)
+                states = self._open_thread(path, torques, opened, arguments[STAMPED])
                 self.torque_path = 'native'
-                return opened_path
+                return path, states
             except UnsupportedError as error:
                 reason = str(error)
                 self._refuse_native(reason)
-                run_concurrently([self.modes.compile, controller.compile])
         self.torque_path = f'python ({reason})'
-        path = TorquePath(controller, self._commands, torques, *arguments)
         states = node.create_subscription(
             JointState, 'joint_states', with_info(self._on_state),
             overridable(BEST_EFFORT), raw=True, qos_overriding_options=OVERRIDES)
@@ -411,24 +412,21 @@ class ConfiguredRobot:
             raise InputError(f"parameter 'torque_path': native, with {reason}; expected auto "
                              'or python, because the interpreter has to compute the commands')
 
-    def _reason_for_interpreter(self, controller: Controller,
-                                loops: ClosedLoopReader | None) -> str:
-        """Return why the interpreter computes the commands; empty if it need not."""
+    def _reason_for_interpreter(self) -> str:
+        """Return why the interpreter runs the loop; empty if it need not."""
         if self.values['torque_path'] == 'python':
             return 'torque_path: python'
-        reason = self.fault or python_reason(self.values, controller, loops)
-        if self._qos_is_overridden:
-            reason = reason or 'qos_overrides'
-        return reason
+        return self._untraced or 'qos_overrides' * self._qos_is_overridden
 
-    def _open_native_path(self, controller: Controller, torques: Publisher,
-                          opened: ExitStack, arguments: tuple[Any, ...]
-                          ) -> tuple[TorquePath, Any]:
-        """Open the native torque path; UnsupportedError where rcl is another one."""
+    def _open_thread(self, path: NativeTorquePath, torques: Publisher, opened: ExitStack,
+                     stamped: Publisher | None) -> Any:
+        """
+        Let a thread run the loop of a path; return the subscription of its states.
+
+        UnsupportedError where rcl is another one.
+        """
         node = self._node
-        path = NativeTorquePath(controller, self._commands, torques, *arguments)
-        stamped = arguments[STAMPED]
-        # The thread of the path publishes through these.
+        # The thread publishes through these.
         publishers = [self._commands, torques]
         if stamped is not None:
             publishers.append(stamped)
@@ -446,15 +444,16 @@ class ConfiguredRobot:
             clock = subscribe(ClockMessage, '/clock', CLOCK, self._simulated_time)
             wake = guard_condition(node.context)
             entities.callback(wake.destroy_when_not_in_use)
-            path.connect(node, states, guard, clock, wake, publishers,
-                         self.lost_states)
+            path.executor = ThreadExecutor(path.native, node, states, guard, clock, wake,
+                                           publishers)
+            path.lost_states = self.lost_states
             entities.callback(path.close)
             # The interpreter reads reports of the thread at its own pace.
             timer = node.create_timer(REPORT_PERIOD, path.read_reports,
                                       clock=Clock(clock_type=ClockType.STEADY_TIME))
             entities.callback(node.destroy_timer, timer)
             opened.push(entities.pop_all())
-        return path, states
+        return states
 
     def _open_task_topics(self, publisher: Callable[..., Any],
                           opened: ExitStack) -> None:

@@ -29,6 +29,8 @@ class CommandMessages:
     ----------
     joints : tuple of str
         The commanded joints.
+    publishers : tuple
+        Those of commands, torques and stamped commands, or None.
 
     """
 
@@ -38,9 +40,7 @@ class CommandMessages:
         self.joints = tuple(joints[k] for k in commanded)
         self._count = len(joints)
         self._places = np.array(commanded, dtype=np.intp)
-        self._commands = commands
-        self._torques = torques
-        self._stamped = stamped
+        self.publishers = commands, torques, stamped
         # The messages are made once; a command only fills in its numbers.
         self._command_message = float64_multi_array(len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
@@ -50,14 +50,15 @@ class CommandMessages:
         """Publish torques of the commanded joints, first the command."""
         # The command first: the other topics show what it was.
         self._command_message.numbers[:] = tau
-        self._commands.publish(self._command_message.serialized())
-        if self._stamped is not None:
+        commands, torques, stamped = self.publishers
+        commands.publish(self._command_message.serialized())
+        if stamped is not None:
             self._stamped_message.stamp(sec, nanosec)
             self._stamped_message.numbers[:] = tau
-            self._stamped.publish(self._stamped_message.serialized())
+            stamped.publish(self._stamped_message.serialized())
         self._torque_message.stamp(sec, nanosec)
         self._torque_message.numbers[:] = tau
-        self._torques.publish(self._torque_message.serialized())
+        torques.publish(self._torque_message.serialized())
 
     def of_commanded(self, tau: Array) -> Array:
         """Return the torques of the commanded joints, of all torques."""

@@ -1,6 +1,6 @@
 """Interfaces that the torque path calls: observers of cycles, and torque_guard's side."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.control_cycle.arbitration import Arbitration
@@ -58,7 +58,16 @@ class CycleObserver(Protocol):
 
 
 class GuardSide(Protocol):
-    """The side of torque_guard in the dynamics node."""
+    """
+    The side of torque_guard in the dynamics node.
+
+    Attributes
+    ----------
+    requests : Publisher
+
+    """
+
+    requests: Any
 
     def beginning(self) -> Arbitration:
         """Return the state of a node that starts, and asks before its first command."""

@@ -32,7 +32,7 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.common.realtime import named_threads
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
-from kane_dynamics.ros.torque_path.path_memory import inputs_of, rule_kernel
+from kane_dynamics.ros.torque_path.path_memory import inputs_of, PathMemory, rule_kernel
 from kane_dynamics.ros.torque_path.state_check import turning_joints
 from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
@@ -334,9 +334,9 @@ class NativeLoop:
         self.block = Block()
 
         # What the rules read and write.
-        path_size = cycle_rules.path_size(shape)
-        self.path = np.zeros(path_size)
-        self.result = np.zeros(path_size)
+        self._records = PathMemory(shape)
+        self.path = self._records.array
+        self.result = np.zeros(len(self.path))
         self.event = np.zeros(len(Event._fields_))
         self.state = np.zeros(shape.state)
         self.heard = np.zeros(FIELDS + shape.commanded)  # the last message of torque_guard
@@ -354,6 +354,7 @@ class NativeLoop:
         self._waiting = np.zeros(LARGEST, dtype=np.uint8)  # a state that waits
         self._used: list[Any] = []  # memory of fields that are addresses
         self._plans: list[CyclePlan] = []
+        self._functions: dict[str, Any] = {}  # of the loop, that Python has called
         self._end: Callable[[], object] = bool
         self._wake: Callable[[], None] = lambda: None
         library = ctypes.CDLL(None)
@@ -531,24 +532,28 @@ class NativeLoop:
         return reports
 
     def _report(self, memory: NDArray[np.uint8]) -> Report:
-        """Return what a slot reports: its structure, the path, then the message."""
+        """Return the report in a slot: its structure, the path, then the message."""
         slot = Slot.from_buffer_copy(memory)
         begin = ctypes.sizeof(Slot)
         end = begin + self.path.nbytes
         path = memory[begin:end].view(np.float64).copy()
         message = memory[end:end + slot.length].tobytes()
         return Report(slot.kind, slot.lost, slot.begin, slot.end, slot.sequence, slot.event,
-                      cycle_rules.unpacked_path(path, self.shape), path, message)
+                      self._records.record(path), path, message)
 
     def call(self, function: str, message: bytes = b'') -> None:
         """
-        Call a function of the loop in the calling thread, with the latest plan, for tests.
+        Call a function of the loop in the calling thread, with the latest plan.
 
         They are `cycle` and `hear`, with a message, and `look_at_time`.
         """
-        run = self._code.function(function, ctypes.PYFUNCTYPE(
-            None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
-        run(self.address, self._plans[-1].address, message, len(message))
+        if function not in self._functions:
+            self._functions[function] = self._code.function(function, ctypes.PYFUNCTYPE(
+                None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int64))
+        plan = self._plans[-1]
+        self._functions[function](self.address, plan.address, message, len(message))
+        # Those before are in use no more.
+        del self._plans[:self._plans.index(plan)]
 
     def durations(self, message: bytes, count: int, works: bool = True) -> NDArray[np.int64]:
         """

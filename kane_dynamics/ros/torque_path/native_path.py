@@ -1,12 +1,12 @@
 """
-The torque path on a native thread, which the interpreter cannot delay.
+The torque path by the message loop, whose rules and laws are compiled.
 
-The thread (`native_loop`) answers joint states by compiled rules (`cycle_rules`) and
-never waits for Python. This module passes it parameters, loads and motions as plans, and
-reads its reports: statistics, warnings and observers run here and may lag.
+An executor runs the loop (`executors`): a thread, which the interpreter cannot delay, or
+callbacks. This module passes it parameters, loads and motions as plans, and reads its
+reports: statistics, warnings and observers run here and may lag behind a thread.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import threading
 import time
@@ -29,8 +29,6 @@ from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import ELAPSED, HEARD, UNKNOWN
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
-from kane_dynamics.ros.common.qos import THREAD_STATES
-from kane_dynamics.ros.common.rcl_functions import handle_address, RclLoop
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
@@ -40,6 +38,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
 from kane_dynamics.ros.torque_path.cycle_observer import (Cycle, CycleObserver,
                                                           GuardSide)
 from kane_dynamics.ros.torque_path.drop_reasons import LEARNED, REASONS
+from kane_dynamics.ros.torque_path.executors import CallbackExecutor, ThreadExecutor
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
                                                               MAX_LAYOUTS)
 from kane_dynamics.ros.torque_path.native_loop import (CycleKernels, CyclePlan, LARGEST,
@@ -54,8 +53,7 @@ LONGEST_WAIT = 0.2  # of the timeout, between two looks at the clock
 LONGEST_LAG = 0.1  # s, that a new motion waits for a report of now
 LOOK_AGAIN = 0.001  # s
 ENDED = 'the native torque path ended'
-TOO_LARGE = (f'empty or more than {LARGEST} bytes; expected at most as many, or '
-             'torque_path: python')
+TOO_LARGE = f'empty or more than {LARGEST} bytes; expected at most as many'
 # The thread has judged with limits of its time.
 CHANGED = 'compared with limits, or a state, that have changed since'
 
@@ -98,7 +96,7 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
 
 class NativeTorquePath(TorquePath):
     """
-    The torque path on a native thread; its interface is that of `TorquePath`.
+    The torque path by the message loop; its interface is that of `TorquePath`.
 
     The attributes that describe the last cycle are those of the last report that was
     read.
@@ -113,7 +111,11 @@ class NativeTorquePath(TorquePath):
     Attributes
     ----------
     native : NativeLoop
-        The memory and the thread.
+        The memory of the loop, and its functions.
+    executor : CallbackExecutor or ThreadExecutor
+        Runs the loop: callbacks, or a thread from its assignment on.
+    lost_states : LostMessages
+        Counts lost states by the publisher's numbers, in a thread.
 
     """
 
@@ -123,16 +125,15 @@ class NativeTorquePath(TorquePath):
         self._changes_last = False  # whether changes that belong together are under way
         super().__init__(controller, *arguments, **named)
         self.active_motion = ActiveMotion(self._replan)
-        self._rcl: RclLoop | None = None
-        self._states: Any = None  # the subscription
-        self._time_source: Any = None  # the node's clock, if the thread hears /clock
+        self.executor: CallbackExecutor | ThreadExecutor = CallbackExecutor(
+            self.native, self._now, *self.messages.publishers)
         self._last = self._initial()  # as reported
         self._replay = 0, b''
         self._message_fault: str | None = None  # of the last report, by the reader
         self._layouts: list[JointStateLayout] = []  # that the thread knows
         self._counted: dict[str, int] = {}  # by the thread, as warned of
         self._noted = 0  # reports that were read since the start
-        self._lost_states = LostMessages()
+        self.lost_states = LostMessages()
 
     def _make_memory(self) -> None:
         """Make the memory of the thread, and what computes in it."""
@@ -166,55 +167,16 @@ class NativeTorquePath(TorquePath):
             modes = [mode for mode in kernels.answers if mode not in modes]
         kernels.compile(modes, self._guard is not None)
 
-    def connect(self, node: Any, states: Any, guard: Any, clock: Any, wake: Any,
-                publishers: Sequence[Any], lost_states: LostMessages) -> None:
-        """
-        Use the clock of a node, subscriptions, a guard condition and publishers.
-
-        Parameters
-        ----------
-        node : Node
-            Its clock and its context are used.
-        states, guard, clock : Subscription
-            Of joint states, ~/guard_state and /clock, which no executor reads; None
-            without torque_guard or simulated time.
-        wake : GuardCondition
-            Wakes the thread.
-        publishers : sequence of Publisher
-            Of commands, torques and, if there are any, stamped commands.
-        lost_states : LostMessages
-            Counts lost messages by the publisher's numbers.
-
-        Raises
-        ------
-        UnsupportedError
-            This rclpy or rcl is another one than expected.
-
-        """
-        # States, then what else the configuration has; the places tell the native loop
-        # which is which.
-        subscriptions = [states]
-        places: list[int | None] = []
-        for subscription in (guard, clock):
-            places.append(None if subscription is None else len(subscriptions))
-            if subscription is not None:
-                subscriptions.append(subscription)
-        rcl = RclLoop(node.context, node.get_clock(), subscriptions, wake)
-        loop = self.native
-        loop.connect(rcl, *places)
-        loop.publish_to(*[handle_address(publisher) for publisher in publishers])
-        self._rcl = rcl
-        self._states = states
-        self._lost_states = lost_states
-        if clock is not None:
-            self._time_source = node.get_clock()
-
     def use_guard(self, guard: GuardSide) -> None:
-        """Ask torque_guard as `TorquePath`, by the thread."""
+        """Ask torque_guard as `TorquePath`, by the loop."""
         self._guard = guard
+        self.executor.ask(guard.requests)
 
     def hear(self, numbers: Array) -> None:
-        """Do nothing: the thread hears torque_guard itself."""
+        """Note a message of torque_guard, and answer the state that waited for it."""
+        if self.running:
+            self.executor.hear(numbers)
+            self._look_at_clock()
 
     @property
     def guard_seen(self) -> float:
@@ -224,10 +186,8 @@ class NativeTorquePath(TorquePath):
         return float(Arbitration(*known).seen)
 
     def close(self) -> None:
-        """Free what rcl allocated."""
-        self.native.stop_thread()
-        if self._rcl is not None:
-            self._rcl.close()
+        """End what runs the loop."""
+        self.executor.close()
 
     # What Python passes to the thread.
 
@@ -336,12 +296,6 @@ class NativeTorquePath(TorquePath):
         """Use new settings and targets of the mode's law from the next cycle on."""
         self._replan()
 
-    @property
-    def _hears_time(self) -> bool:
-        """Return whether the thread has its time from /clock."""
-        source = self._time_source
-        return source is not None and bool(source.ros_time_is_active)
-
     # The life of the thread.
 
     def start(self) -> None:
@@ -356,34 +310,38 @@ class NativeTorquePath(TorquePath):
         self._counted = {'lost': 0, 'not_taken': loop.number('not_taken')}
         self._applied_loads = None
         loop.begin(self._epoch, self._last)
-        loop.simulate_time(self._hears_time)
-        if self._states is not None:
-            self._drop_waiting()
+        loop.simulate_time(self.executor.hears_time)
+        # States of a time in which the node did not command are dropped, because a
+        # simulated arm may have been reset since; the layout of the last one is kept.
+        self._idle.extend(self.executor.waiting_states())
+        if self._idle and self._reader.read(self._idle[-1], self.need_velocity) in (
+                None, NOT_FINITE):
+            self._keep_layout(self._idle[-1])
+        self._idle.clear()
         self._replan()
-        if self._rcl is None:
-            return
-        loop.start_thread()
-        try:
-            loop.scheduled_as_main()
-        except OSError as error:
-            self._warn('native torque path', f'scheduling refused ({error.strerror}); it '
-                       'runs with ordinary scheduling')
+        warning = self.executor.start()
+        if warning:
+            self._warn('native torque path', warning)
 
     def stop(self, reason: str = 'the node was deactivated') -> None:
-        """Stop the thread, then command zeros and ignore further states."""
-        self.native.stop_thread()
+        """Stop the loop, then command zeros and ignore further states."""
+        self.executor.stop()
         if self.running:
             self._read_all()
         super().stop(reason)
 
     def _look_at_clock(self) -> None:
-        """Do nothing: the thread looks at the clock, with the plan of now."""
+        """Apply what is due without a state, if the thread does not."""
+        if self.running:
+            self.executor.look_at_clock()
+            self.read_reports()
 
     def on_clock_jump(self) -> None:
         """Drop motions and stamps of the time before the jump, in the thread."""
-        if not self._hears_time:  # else the thread sees it
+        if not self.executor.hears_time:  # else the thread sees it
             self._counts['jumps'] += 1.0
             self._replan()
+            self._look_at_clock()
 
     def interrupt(self, stamp: int, reason: str) -> bool:
         """End the desired motion in a stop from now on: reports of states may be late."""
@@ -391,7 +349,7 @@ class NativeTorquePath(TorquePath):
 
     def _end(self, reason: str) -> None:
         """Stop the path and report a fault, because the thread has ended by itself."""
-        self.native.stop_thread()
+        self.executor.stop()
         ended = f'{ENDED}: {reason}'
         super().stop(ended)
         self.ended = ended
@@ -401,15 +359,11 @@ class NativeTorquePath(TorquePath):
     # What the thread reports.
 
     def on_state(self, data: bytes) -> None:
-        """Answer one message in this thread, as the native one does; for tests."""
-        if self.running:
-            self.native.call('cycle', data)
-            self.read_reports()
-
-    def check_timeout(self) -> None:
-        """Read reports, and look at the clock if there is no thread."""
-        if self.running and self._rcl is None:
-            self.native.call('look_at_time')
+        """Compute and publish the command for one serialized JointState."""
+        if not self.running:
+            self._idle.append(data)
+            return
+        self.executor.on_state(data)
         self.read_reports()
 
     def read_reports(self) -> None:
@@ -418,18 +372,17 @@ class NativeTorquePath(TorquePath):
 
         Raises
         ------
-        RuntimeError
-            The middleware refused a message, as where Python publishes it; the thread
-            has ended.
+        Exception
+            The middleware refused a message; a thread has ended.
 
         """
         if not self.running:
             return
         self._read_all()
         if self.refused:
-            raise RuntimeError('torques: refused by the middleware, code '
-                               f'{self.native.block.refused}; expected publishers that '
-                               'accept them')
+            raise self.executor.error or RuntimeError(
+                'torques: refused by the middleware, code '
+                f'{self.native.block.refused}; expected publishers that accept them')
         code = self.native.number('ended')
         if code:
             self._end(f'rcl returned {code}')
@@ -466,10 +419,10 @@ class NativeTorquePath(TorquePath):
         """Read one report."""
         # Lost states are those that the thread did not see, by their sequence numbers.
         if report.lost > self._counted['lost']:
-            self._lost_states.skip()
+            self.lost_states.skip()
         is_of_state = report.kind not in (ELAPSED, HEARD)
         if is_of_state:
-            self._lost_states.note_number(report.sequence)
+            self.lost_states.note_number(report.sequence)
         if report.kind == UNKNOWN:
             self._learn(report)
             return
@@ -523,10 +476,11 @@ class NativeTorquePath(TorquePath):
         # A report from before a change of the mode has the memory of another law.
         if law is not None and path.restarts == self._counts['restarts']:
             law.mirror(path.memory, self._epoch)
-        external = None
-        if self.wrenches is not None:
-            external = self.wrenches.torques(self._reader.q, now)
-        self._observe(path, at, motion, report.event.moment, external)
+        if self._observers:
+            external = None
+            if self.wrenches is not None:
+                external = self.wrenches.torques(self._reader.q, now)
+            self._observe(path, at, motion, report.event.moment, external)
 
     def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
         """Call an observer, on which the torques do not depend."""
@@ -609,8 +563,7 @@ class NativeTorquePath(TorquePath):
         number, _ = self._replay
         self._replay = number + 1, data
         self._replan()
-        if self._rcl is None:  # there is no thread
-            self.native.call('cycle', data)
+        self.executor.on_state(data)
 
     def _keep_layout(self, data: bytes) -> None:
         """Let the thread know the layout of a message that was read last."""
@@ -619,33 +572,9 @@ class NativeTorquePath(TorquePath):
             learned = [layout for layout in self._reader.layouts if layout.fits(data)]
             self._layouts = [*self._layouts, *learned][-MAX_LAYOUTS:]
 
-    def _drop_waiting(self) -> None:
-        """
-        Drop the states that came while no thread read them; keep the layout of the last.
-
-        They are of a time in which the node did not command, as those that the
-        interpreter's path ignores then: a simulated arm may have been reset since.
-        """
-        self._take_waiting()
-        if self._idle and self._reader.read(self._idle[-1], self.need_velocity) in (
-                None, NOT_FINITE):
-            self._keep_layout(self._idle[-1])
-        self._idle.clear()
-
-    def _take_waiting(self) -> None:
-        """Keep the last of the states that came while no thread read them."""
-        waiting = self._states.handle
-        with waiting:
-            for _ in range(THREAD_STATES.depth):
-                taken = waiting.take_message(JointState, True)
-                if taken is None:
-                    break
-                self._idle.append(taken[0])
-
     def idle_states(self) -> tuple[Array | None, float]:
         """Return positions and period before the start, as `TorquePath`."""
-        if self._states is not None:
-            self._take_waiting()
+        self._idle.extend(self.executor.waiting_states())
         return super().idle_states()
 
     def catch_up(self) -> None:

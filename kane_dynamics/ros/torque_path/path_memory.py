@@ -112,15 +112,18 @@ class PathMemory:
     @property
     def path(self) -> PathState:
         """Return the state as a record of floats and arrays, which does not change."""
-        numbers = self.array.copy()
-        return PathState(*numbers[:SCALARS].tolist(),
-                         *[numbers[place] for place in self._slices])
+        return self.record(self.array.copy())
 
     @path.setter
     def path(self, path: PathState) -> None:
         self.array[:SCALARS] = path[:SCALARS]
         for part, numbers in zip(self._parts, path[SCALARS:]):
             part[:] = numbers
+
+    def record(self, numbers: Array) -> PathState:
+        """Return numbers of a path as a record; its arrays are views."""
+        return PathState(*numbers[:SCALARS].tolist(),
+                         *[numbers[place] for place in self._slices])
 
     @property
     def states(self) -> StateMemory:

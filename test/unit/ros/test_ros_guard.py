@@ -37,7 +37,7 @@ from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E
 from kane_dynamics.ros.parameters.parameter_checks import (  # noqa: E402
     controller_settings)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import guarded, native_path  # noqa: E402
+from native_rig import native_path  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -180,11 +180,7 @@ class Pair:
             lambda: round(self.machine.now * NANO), self.values, Statistics(),
             lambda *words: None)
         self.link = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
-        if self.native:
-            guarded(self.path, self.link)
-            process.create_subscription(None, '~/guard_state', self.hear, None)
-        else:
-            self.path.use_guard(self.link)
+        self.path.use_guard(self.link)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)
 
@@ -192,11 +188,6 @@ class Pair:
     def number(self):
         """Return the number of the node's last request."""
         return self.path.arbitration.number
-
-    def hear(self, data):
-        """Let the native path hear the guard, as its thread does."""
-        self.path.native.call('hear', data)
-        self.path.read_reports()
 
     def step(self, states=True):
         """Advance by one period of the joint states, in steps of the guard's timer."""
