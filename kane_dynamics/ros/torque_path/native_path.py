@@ -476,10 +476,10 @@ class NativeTorquePath(TorquePath):
         # A report from before a change of the mode has the memory of another law.
         if law is not None and path.restarts == self._counts['restarts']:
             law.mirror(path.memory, self._epoch)
+        external = None
+        if self.wrenches is not None:  # it reports those that are stale
+            external = self.wrenches.torques(self._reader.q, now)
         if self._observers:
-            external = None
-            if self.wrenches is not None:
-                external = self.wrenches.torques(self._reader.q, now)
             self._observe(path, at, motion, report.event.moment, external)
 
     def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
