@@ -14,7 +14,7 @@
 
 #include "message_loop.c"
 
-enum { JOINTS = 5, PATH = 20, TAU = 10, SLOTS = 16, LARGEST = 96, PLANS = 3000 };
+enum { JOINTS = 5, PATH = 20, TAU = 10, SLOTS = 16, LARGEST = 96, PLANS = 3000, FEWEST = 100 };
 enum { LAYOUT_A = 60, LAYOUT_B = 100, NUMBERS = 8, GUARD_LENGTH = 52, GUARD_AT = 12 };
 
 typedef struct {
@@ -225,8 +225,16 @@ static void read_reports(void)
 
 static void *thread(void *b) { return run(b); }
 
-/* Run the loop while plans change; return the code with which it ended. */
-static int64_t run_with(int plans)
+static bool all_kinds_are_read(void)
+{
+  for (int k = 0; k < 4; k++)
+    if (kinds[k] < FEWEST)
+      return false;
+  return true;
+}
+
+/* Run the loop while plans change, until it ends or enough is read; return its code. */
+static int64_t run_while_plans_change(bool ends)
 {
   plan *waiting[PLANS];
   int count = 0;
@@ -235,8 +243,11 @@ static int64_t run_with(int plans)
   loop.kept_length = loop.refused = 0;
   loop.plan = waiting[count++] = new_plan(1);
   check(pthread_create(&id, NULL, thread, &loop) == 0, "a thread");
-  for (int k = 2; k < plans && !read_number(&loop.ended); k++) {
-    write_number((_Atomic int64_t *)&loop.plan, (int64_t)(waiting[count++] = new_plan(k)));
+  for (int k = 2; !read_number(&loop.ended); k++) {
+    if (!ends && k > PLANS && all_kinds_are_read())
+      break;
+    if (count < PLANS)
+      write_number((_Atomic int64_t *)&loop.plan, (int64_t)(waiting[count++] = new_plan(k)));
     plan *in_use = (plan *)read_number((_Atomic int64_t *)&loop.in_use);
     for (int place = 0; place < count; place++)
       if (waiting[place] == in_use) {
@@ -280,18 +291,16 @@ int main(void)
   for (int k = 0; k < 3; k++)
     *inputs[k] = (input){&handles[k], &received[k], information[k], 0};
 
-  check(run_with(PLANS) == 0, "an end that was asked for");
+  check(run_while_plans_change(false) == 0, "an end that was asked for");
   check(loop.lost > 0 && loop.not_taken > 0 && loop.refused == 0, "the counters");
-  for (int k = 0; k < 4; k++)
-    check(kinds[k] > 100, "reports of each kind");
-  check(answered > 1000 && published > 1000, "answers");
+  check(answered > FEWEST && published > FEWEST, "answers");
 
   /* A refused publication ends the thread with zeros, or silently if there is a guard. */
   for (int guarded = 0; guarded < 2; guarded++) {
     for (int k = 0; k < 3; k++)
       rule_counts[k] = guarded ? 12 : 4;
     refuses_at = published + 20;
-    check(run_with(PLANS) == 77 && loop.refused == 77, "the end");
+    check(run_while_plans_change(true) == 77 && loop.refused == 77, "the end");
     check(guarded ? zeros == 0 : zeros == 2, "zeros on both outputs, or silence");
   }
   for (int k = 0; k < 3; k++)

@@ -71,7 +71,7 @@ def test_a_random_feed_of_messages_and_plans_finds_no_wrong_memory(sanitizer, tm
     if 'cannot find -l' in built.stderr or 'cannot find lib' in built.stderr:
         pytest.skip('this compiler has no sanitizers')
     assert built.returncode == 0, built.stderr
-    done = subprocess.run([str(program)], capture_output=True, text=True, timeout=100,
+    done = subprocess.run([str(program)], capture_output=True, text=True, timeout=300,
                           check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith('answered')
