@@ -24,6 +24,7 @@ Q = np.array([0.3, -0.4, 0.2])
 RATE = 200.0  # states/s
 HOME = [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]  # of the FR3
 FRAME = 'fr3_hand'
+HOSTS = 'native', 'python'  # of the torque path
 
 
 @pytest.fixture(scope='module')
@@ -228,11 +229,64 @@ def test_zeros_follow_the_last_state_while_another_thread_holds_the_lock(node, c
     node.wait_for('no joint state: none for', 10.0)
 
 
-def test_an_observer_that_fails_is_reported_and_torques_go_on(node, client, holding):
+@pytest.fixture
+def hosts_node(start, client, request):
+    """Return a node on a torque path, with a reaction to faults."""
+    host, action = request.param
+    node = start(program=[DELAYED, '--ros-args'], torque_path=host, state_timeout=0.5,
+                 activation='at_once', arm_compensates='none', limits__rate='.inf',
+                 state_check__speed_factor='.inf', state_check__position_margin='.inf',
+                 state_check__action=action)
+    client.delay = client.create_publisher(String, f'{NAME}/delay', 1)
+    node.wait_for('active, mode')
+    client.connect()
+    assert wait_until(lambda: client.delay.get_subscription_count() == 1)
+    yield node, action
+    client.destroy_publisher(client.delay)
+
+
+@pytest.mark.parametrize('hosts_node', [
+    ('native', 'zero'), ('native', 'hold'), ('python', 'zero'), ('python', 'hold')],
+    indirect=True)
+def test_after_a_failed_observer_the_arm_is_free_or_held_as_state_check_says(
+        hosts_node, client):
+    node, action = hosts_node
     delay(client, node, 'observer 0')
+    send_for(client, 0.2)
+    reason = 'callback failed: RuntimeError: observer Faulty: ValueError: this observer'
+    node.wait_for(reason, 5.0)
+    client.commands.clear()
+    client.diagnostics.clear()
+    stamps = send_for(client, 1.0)
+    assert any(stamp in client.torques for stamp in stamps[50:]) == (action == 'hold')
+    assert any(map(any, client.commands[-50:])) == (action == 'hold')
+    assert node.log.count(reason) == 1
+    assert wait_until(lambda: any('observer Faulty' in message and level == b'\x02'
+                                  for level, message, _ in client.diagnostics), 3.0)
+
+
+def moving_torques(client):
+    """Return the stamps of torques that are not zero."""
+    return [stamp for stamp, torque in client.torques.items() if torque.any()]
+
+
+@pytest.mark.parametrize('hosts_node', [(host, 'hold') for host in HOSTS],
+                         indirect=True)
+def test_a_state_without_a_stamp_that_waited_too_long_moves_nothing(hosts_node, client):
+    node, _ = hosts_node
+    # The native thread waits for Python at a new layout.
+    names = client.joints[::-1]
+    assert client.ask(Q, np.zeros(3)) is not None
+    delay(client, node, 'callback 1.0')
     client.torques.clear()
-    require_answers(client, send_for(client, 1.0), holding)
-    assert 'Faulty: ValueError: this observer fails' in node.log
+    client.send(Q, np.zeros(3), names, stamp=0)
+    node.wait_for('joint states: stale', 5.0)
+    assert not moving_torques(client)  # at most the zeros after state_timeout
+    # One that does not wait is answered, as of the time of its reception.
+    begin = time.time_ns()
+    client.send(Q, np.zeros(3), names, stamp=0)
+    assert wait_until(lambda: moving_torques(client), 2.0)
+    assert begin < min(moving_torques(client)) < time.time_ns()
 
 
 @pytest.mark.parametrize('guarded', [False, True])

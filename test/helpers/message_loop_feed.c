@@ -153,6 +153,9 @@ static int32_t take_drawn(void *subscription, void *to, void *info, void *heap)
   int64_t begin = m->length && drawn(4) ? m->length : 0;  /* mostly the bytes of a layout */
   for (int64_t k = 0; k < m->length; k++)
     m->data[k] = k < begin ? 0 : (uint8_t)drawn(256);
+  if (begin)
+    m->data[1] = LITTLE_ENDIAN_CDR;
+  ((int64_t *)info)[RECEIVED_AT] = drawn(3) * (int64_t)SECOND;
   ((int64_t *)info)[SEQUENCE_AT]++;
   return 0;
 }
@@ -191,10 +194,12 @@ static plan *new_plan(int64_t number)
   for (int k = 0; k < 2; k++) {
     uint8_t *mask = w->bytes[k][0];
     memset(mask, 255, LAYOUT_B);
+    w->bytes[k][1][1] = LITTLE_ENDIAN_CDR;
     memset(mask + MESSAGE_AT, 0, 52);
     w->layouts[k] = (layout){k ? LAYOUT_B : LAYOUT_A, mask, w->bytes[k][1], NUMBERS, w->offsets,
                              w->places, w->constants};
   }
+  w->replay[1] = LITTLE_ENDIAN_CDR;
   w->times[1] = 1e-3;
   w->motion = (motion){SECOND, 2, w->times, w->ratios, w->ratios, w->rows, 3};
   w->plan.period = 1000, w->plan.layouts = w->layouts, w->plan.layout_count = number % 4 ? 2 : 1;

@@ -25,6 +25,8 @@ enum {
   WAITING = 2,            /* reason of a state that is kept until torque_guard answers */
   MESSAGE_AT = 4,         /* bytes of encapsulation before the stamp of a message */
   CLOCK_LENGTH = 12,      /* bytes of a message of /clock */
+  LITTLE_ENDIAN_CDR = 1,  /* in the second byte of the encapsulation */
+  RECEIVED_AT = 1,        /* place of the time of reception in the information */
   SEQUENCE_AT = 2,        /* place of the publisher's number in the information */
   INFORMATION_SIZE = 32,  /* of the information on a message, numbers; more than it has */
   TAKE_LIMIT = 64,        /* messages in a row before the time is looked at */
@@ -490,6 +492,18 @@ static void take_all(block *b, const plan *p, input *from,
     use(b, p, from->taken->data, from->taken->length);
 }
 
+/* Answer a taken state. One without a stamp is of its reception, however long it waits. */
+static void answer_taken(block *b, const plan *p, const uint8_t *data, int64_t length)
+{
+  int64_t received = b->states.information[RECEIVED_AT];
+  if (atomic_load_explicit(&b->simulated, memory_order_acquire))
+    received = b->simulated_time;
+  if (length >= CLOCK_LENGTH && data[1] == LITTLE_ENDIAN_CDR && received > 0
+      && !first_time(data))
+    write_stamp(b->states.taken->data + MESSAGE_AT, received);
+  cycle(b, p, data, length);
+}
+
 /* Wait for a message, for the end of a period or for Python; return a code of rcl. */
 static int32_t wait_for_message(block *b, int64_t period)
 {
@@ -529,7 +543,7 @@ void *run(block *b)
       break;
     p = plan_of_now(b);  /* it may have changed while the thread waited */
     take_all(b, p, &b->clock_messages, hear_clock);  /* states are not ahead of it then */
-    take_all(b, p, &b->states, cycle);
+    take_all(b, p, &b->states, answer_taken);
     take_all(b, p, &b->guard_messages, hear);
     look_at_time(b, p);
     code = b->refused ? b->refused : b->broken;

@@ -1262,314 +1262,365 @@ define dso_local ptr @run(ptr noundef %0) local_unnamed_addr #0 {
   %25 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 25, i32 1
   %26 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 25, i32 2
   %27 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 25, i32 3
-  %28 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 1
-  %29 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 2
-  %30 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 3
-  %31 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
-  br label %32
+  %28 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 28
+  %29 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 1
+  %30 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 2
+  %31 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 27, i32 3
+  %32 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
+  br label %33
 
-32:                                               ; preds = %1, %204
-  %33 = phi i8 [ 0, %1 ], [ %206, %204 ]
-  %34 = load atomic i64, ptr %0 acquire, align 8
-  %35 = inttoptr i64 %34 to ptr
-  store atomic i64 %34, ptr %3 release, align 8
-  %36 = load atomic i64, ptr %4 acquire, align 8
-  %37 = icmp eq i64 %36, 0
-  br i1 %37, label %38, label %225
+33:                                               ; preds = %1, %241
+  %34 = phi i8 [ 0, %1 ], [ %243, %241 ]
+  %35 = load atomic i64, ptr %0 acquire, align 8
+  %36 = inttoptr i64 %35 to ptr
+  store atomic i64 %35, ptr %3 release, align 8
+  %37 = load atomic i64, ptr %4 acquire, align 8
+  %38 = icmp eq i64 %37, 0
+  br i1 %38, label %39, label %262
 
-38:                                               ; preds = %32
-  %39 = getelementptr inbounds %struct.plan, ptr %35, i64 0, i32 3
-  %40 = load i64, ptr %39, align 8
-  %41 = load i64, ptr %5, align 8
-  %42 = icmp eq i64 %40, %41
-  br i1 %42, label %48, label %43
+39:                                               ; preds = %33
+  %40 = getelementptr inbounds %struct.plan, ptr %36, i64 0, i32 3
+  %41 = load i64, ptr %40, align 8
+  %42 = load i64, ptr %5, align 8
+  %43 = icmp eq i64 %41, %42
+  br i1 %43, label %49, label %44
 
-43:                                               ; preds = %38
-  store i64 %40, ptr %5, align 8
-  %44 = getelementptr inbounds %struct.plan, ptr %35, i64 0, i32 4
-  %45 = load ptr, ptr %44, align 8
-  %46 = getelementptr inbounds %struct.plan, ptr %35, i64 0, i32 5
-  %47 = load i64, ptr %46, align 8
-  tail call void @cycle(ptr noundef nonnull %0, ptr noundef nonnull %35, ptr noundef %45, i64 noundef %47)
-  br label %48
+44:                                               ; preds = %39
+  store i64 %41, ptr %5, align 8
+  %45 = getelementptr inbounds %struct.plan, ptr %36, i64 0, i32 4
+  %46 = load ptr, ptr %45, align 8
+  %47 = getelementptr inbounds %struct.plan, ptr %36, i64 0, i32 5
+  %48 = load i64, ptr %47, align 8
+  tail call void @cycle(ptr noundef nonnull %0, ptr noundef nonnull %36, ptr noundef %46, i64 noundef %48)
+  br label %49
 
-48:                                               ; preds = %43, %38
-  %49 = load i64, ptr %35, align 8
+49:                                               ; preds = %44, %39
+  %50 = load i64, ptr %36, align 8
   call void @llvm.lifetime.start.p0(i64 24, ptr nonnull %2) #6
   store ptr %6, ptr %2, align 16
   store ptr %8, ptr %7, align 8
   store ptr %10, ptr %9, align 16
-  %50 = load ptr, ptr %11, align 8
-  %51 = load ptr, ptr %12, align 8
-  %52 = tail call i32 %50(ptr noundef %51) #6
-  br label %53
+  %51 = load ptr, ptr %11, align 8
+  %52 = load ptr, ptr %12, align 8
+  %53 = tail call i32 %51(ptr noundef %52) #6
+  br label %54
 
-53:                                               ; preds = %65, %48
-  %54 = phi i64 [ 0, %48 ], [ %67, %65 ]
-  %55 = phi i32 [ %52, %48 ], [ %66, %65 ]
-  %56 = getelementptr inbounds [3 x ptr], ptr %2, i64 0, i64 %54
-  %57 = load ptr, ptr %56, align 8
+54:                                               ; preds = %66, %49
+  %55 = phi i64 [ 0, %49 ], [ %68, %66 ]
+  %56 = phi i32 [ %53, %49 ], [ %67, %66 ]
+  %57 = getelementptr inbounds [3 x ptr], ptr %2, i64 0, i64 %55
   %58 = load ptr, ptr %57, align 8
-  %59 = icmp eq ptr %58, null
-  br i1 %59, label %65, label %60
+  %59 = load ptr, ptr %58, align 8
+  %60 = icmp eq ptr %59, null
+  br i1 %60, label %66, label %61
 
-60:                                               ; preds = %53
-  %61 = load ptr, ptr %13, align 8
-  %62 = load ptr, ptr %12, align 8
-  %63 = tail call i32 %61(ptr noundef %62, ptr noundef nonnull %58, ptr noundef null) #6
-  %64 = or i32 %63, %55
-  br label %65
+61:                                               ; preds = %54
+  %62 = load ptr, ptr %13, align 8
+  %63 = load ptr, ptr %12, align 8
+  %64 = tail call i32 %62(ptr noundef %63, ptr noundef nonnull %59, ptr noundef null) #6
+  %65 = or i32 %64, %56
+  br label %66
 
-65:                                               ; preds = %60, %53
-  %66 = phi i32 [ %64, %60 ], [ %55, %53 ]
-  %67 = add nuw nsw i64 %54, 1
-  %68 = icmp eq i64 %67, 3
-  br i1 %68, label %69, label %53, !llvm.loop !9
+66:                                               ; preds = %61, %54
+  %67 = phi i32 [ %65, %61 ], [ %56, %54 ]
+  %68 = add nuw nsw i64 %55, 1
+  %69 = icmp eq i64 %68, 3
+  br i1 %69, label %70, label %54, !llvm.loop !9
 
-69:                                               ; preds = %65
-  %70 = load ptr, ptr %14, align 8
-  %71 = load ptr, ptr %12, align 8
-  %72 = load ptr, ptr %15, align 8
-  %73 = tail call i32 %70(ptr noundef %71, ptr noundef %72, ptr noundef null) #6
-  %74 = or i32 %73, %66
-  %75 = load ptr, ptr %16, align 8
-  %76 = load ptr, ptr %12, align 8
-  %77 = tail call i32 %75(ptr noundef %76, i64 noundef %49) #6
-  %78 = icmp eq i32 %77, 2
-  %79 = select i1 %78, i32 0, i32 %77
-  %80 = or i32 %74, %79
+70:                                               ; preds = %66
+  %71 = load ptr, ptr %14, align 8
+  %72 = load ptr, ptr %12, align 8
+  %73 = load ptr, ptr %15, align 8
+  %74 = tail call i32 %71(ptr noundef %72, ptr noundef %73, ptr noundef null) #6
+  %75 = or i32 %74, %67
+  %76 = load ptr, ptr %16, align 8
+  %77 = load ptr, ptr %12, align 8
+  %78 = tail call i32 %76(ptr noundef %77, i64 noundef %50) #6
+  %79 = icmp eq i32 %78, 2
+  %80 = select i1 %79, i32 0, i32 %78
+  %81 = or i32 %75, %80
   call void @llvm.lifetime.end.p0(i64 24, ptr nonnull %2) #6
-  %81 = icmp eq i32 %80, 0
-  br i1 %81, label %84, label %82
+  %82 = icmp eq i32 %81, 0
+  br i1 %82, label %85, label %83
 
-82:                                               ; preds = %69
-  %83 = sext i32 %80 to i64
-  br label %208
+83:                                               ; preds = %70
+  %84 = sext i32 %81 to i64
+  br label %245
 
-84:                                               ; preds = %69
-  %85 = load atomic i64, ptr %0 acquire, align 8
-  %86 = inttoptr i64 %85 to ptr
-  store atomic i64 %85, ptr %3 release, align 8
-  %87 = load ptr, ptr %8, align 8
-  %88 = icmp eq ptr %87, null
-  br i1 %88, label %129, label %89
+85:                                               ; preds = %70
+  %86 = load atomic i64, ptr %0 acquire, align 8
+  %87 = inttoptr i64 %86 to ptr
+  store atomic i64 %86, ptr %3 release, align 8
+  %88 = load ptr, ptr %8, align 8
+  %89 = icmp eq ptr %88, null
+  br i1 %89, label %130, label %90
 
-89:                                               ; preds = %84
-  %90 = load ptr, ptr %18, align 8
-  br label %91
+90:                                               ; preds = %85
+  %91 = load ptr, ptr %18, align 8
+  br label %92
 
-91:                                               ; preds = %89, %123
-  %92 = phi ptr [ %109, %123 ], [ %90, %89 ]
-  %93 = phi ptr [ %125, %123 ], [ %87, %89 ]
-  %94 = phi i32 [ %124, %123 ], [ 0, %89 ]
-  %95 = load ptr, ptr %17, align 8
-  %96 = load ptr, ptr %19, align 8
-  %97 = tail call i32 %95(ptr noundef nonnull %93, ptr noundef %92, ptr noundef %96, ptr noundef null) #6
-  switch i32 %97, label %98 [
-    i32 401, label %129
-    i32 0, label %108
+92:                                               ; preds = %90, %124
+  %93 = phi ptr [ %110, %124 ], [ %91, %90 ]
+  %94 = phi ptr [ %126, %124 ], [ %88, %90 ]
+  %95 = phi i32 [ %125, %124 ], [ 0, %90 ]
+  %96 = load ptr, ptr %17, align 8
+  %97 = load ptr, ptr %19, align 8
+  %98 = tail call i32 %96(ptr noundef nonnull %94, ptr noundef %93, ptr noundef %97, ptr noundef null) #6
+  switch i32 %98, label %99 [
+    i32 401, label %130
+    i32 0, label %109
   ]
 
-98:                                               ; preds = %91
-  %99 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
-  %100 = load i64, ptr %20, align 8
-  %101 = add nsw i64 %100, 1
-  store i64 %101, ptr %20, align 8
-  %102 = load ptr, ptr %23, align 8
-  %103 = tail call i32 %102(i32 noundef 1000) #6
-  %104 = load i64, ptr %20, align 8
-  %105 = icmp sgt i64 %104, 999
-  br i1 %105, label %106, label %129
+99:                                               ; preds = %92
+  %100 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
+  %101 = load i64, ptr %20, align 8
+  %102 = add nsw i64 %101, 1
+  store i64 %102, ptr %20, align 8
+  %103 = load ptr, ptr %23, align 8
+  %104 = tail call i32 %103(i32 noundef 1000) #6
+  %105 = load i64, ptr %20, align 8
+  %106 = icmp sgt i64 %105, 999
+  br i1 %106, label %107, label %130
 
-106:                                              ; preds = %98
-  %107 = sext i32 %97 to i64
-  store i64 %107, ptr %24, align 8
-  br label %129
+107:                                              ; preds = %99
+  %108 = sext i32 %98 to i64
+  store i64 %108, ptr %24, align 8
+  br label %130
 
-108:                                              ; preds = %91
+109:                                              ; preds = %92
   store i64 0, ptr %20, align 8
-  %109 = load ptr, ptr %18, align 8
-  %110 = getelementptr inbounds %struct.message, ptr %109, i64 0, i32 1
-  %111 = load i64, ptr %110, align 8
-  %112 = icmp sgt i64 %111, 11
-  br i1 %112, label %113, label %123
+  %110 = load ptr, ptr %18, align 8
+  %111 = getelementptr inbounds %struct.message, ptr %110, i64 0, i32 1
+  %112 = load i64, ptr %111, align 8
+  %113 = icmp sgt i64 %112, 11
+  br i1 %113, label %114, label %124
 
-113:                                              ; preds = %108
-  %114 = load ptr, ptr %109, align 8
-  %115 = getelementptr inbounds i8, ptr %114, i64 4
-  %116 = load i32, ptr %115, align 1
-  %117 = getelementptr inbounds i8, ptr %114, i64 8
-  %118 = load i32, ptr %117, align 1
-  %119 = sext i32 %116 to i64
-  %120 = mul nsw i64 %119, 1000000000
-  %121 = zext i32 %118 to i64
-  %122 = add nsw i64 %120, %121
-  store i64 %122, ptr %21, align 8
-  br label %123
+114:                                              ; preds = %109
+  %115 = load ptr, ptr %110, align 8
+  %116 = getelementptr inbounds i8, ptr %115, i64 4
+  %117 = load i32, ptr %116, align 1
+  %118 = getelementptr inbounds i8, ptr %115, i64 8
+  %119 = load i32, ptr %118, align 1
+  %120 = sext i32 %117 to i64
+  %121 = mul nsw i64 %120, 1000000000
+  %122 = zext i32 %119 to i64
+  %123 = add nsw i64 %121, %122
+  store i64 %123, ptr %21, align 8
+  br label %124
 
-123:                                              ; preds = %108, %113
-  %124 = add nuw nsw i32 %94, 1
-  %125 = load ptr, ptr %8, align 8
-  %126 = icmp ne ptr %125, null
-  %127 = icmp ult i32 %94, 63
-  %128 = select i1 %126, i1 %127, i1 false
-  br i1 %128, label %91, label %129, !llvm.loop !10
+124:                                              ; preds = %109, %114
+  %125 = add nuw nsw i32 %95, 1
+  %126 = load ptr, ptr %8, align 8
+  %127 = icmp ne ptr %126, null
+  %128 = icmp ult i32 %95, 63
+  %129 = select i1 %127, i1 %128, i1 false
+  br i1 %129, label %92, label %130, !llvm.loop !10
 
-129:                                              ; preds = %91, %123, %84, %98, %106
-  %130 = load ptr, ptr %6, align 8
-  %131 = icmp eq ptr %130, null
-  br i1 %131, label %159, label %132
+130:                                              ; preds = %92, %124, %85, %99, %107
+  %131 = load ptr, ptr %6, align 8
+  %132 = icmp eq ptr %131, null
+  br i1 %132, label %196, label %133
 
-132:                                              ; preds = %129, %149
-  %133 = phi ptr [ %155, %149 ], [ %130, %129 ]
-  %134 = phi i32 [ %154, %149 ], [ 0, %129 ]
-  %135 = load ptr, ptr %17, align 8
-  %136 = load ptr, ptr %25, align 8
-  %137 = load ptr, ptr %26, align 8
-  %138 = tail call i32 %135(ptr noundef nonnull %133, ptr noundef %136, ptr noundef %137, ptr noundef null) #6
-  switch i32 %138, label %139 [
-    i32 401, label %159
-    i32 0, label %149
+133:                                              ; preds = %130, %190
+  %134 = phi ptr [ %192, %190 ], [ %131, %130 ]
+  %135 = phi i32 [ %191, %190 ], [ 0, %130 ]
+  %136 = load ptr, ptr %17, align 8
+  %137 = load ptr, ptr %25, align 8
+  %138 = load ptr, ptr %26, align 8
+  %139 = tail call i32 %136(ptr noundef nonnull %134, ptr noundef %137, ptr noundef %138, ptr noundef null) #6
+  switch i32 %139, label %140 [
+    i32 401, label %196
+    i32 0, label %150
   ]
 
-139:                                              ; preds = %132
-  %140 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
-  %141 = load i64, ptr %27, align 8
-  %142 = add nsw i64 %141, 1
-  store i64 %142, ptr %27, align 8
-  %143 = load ptr, ptr %23, align 8
-  %144 = tail call i32 %143(i32 noundef 1000) #6
-  %145 = load i64, ptr %27, align 8
-  %146 = icmp sgt i64 %145, 999
-  br i1 %146, label %147, label %159
+140:                                              ; preds = %133
+  %141 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
+  %142 = load i64, ptr %27, align 8
+  %143 = add nsw i64 %142, 1
+  store i64 %143, ptr %27, align 8
+  %144 = load ptr, ptr %23, align 8
+  %145 = tail call i32 %144(i32 noundef 1000) #6
+  %146 = load i64, ptr %27, align 8
+  %147 = icmp sgt i64 %146, 999
+  br i1 %147, label %148, label %196
 
-147:                                              ; preds = %139
-  %148 = sext i32 %138 to i64
-  store i64 %148, ptr %24, align 8
-  br label %159
+148:                                              ; preds = %140
+  %149 = sext i32 %139 to i64
+  store i64 %149, ptr %24, align 8
+  br label %196
 
-149:                                              ; preds = %132
+150:                                              ; preds = %133
   store i64 0, ptr %27, align 8
-  %150 = load ptr, ptr %25, align 8
-  %151 = load ptr, ptr %150, align 8
-  %152 = getelementptr inbounds %struct.message, ptr %150, i64 0, i32 1
-  %153 = load i64, ptr %152, align 8
-  tail call void @cycle(ptr noundef nonnull %0, ptr noundef %86, ptr noundef %151, i64 noundef %153) #6, !callees !11
-  %154 = add nuw nsw i32 %134, 1
-  %155 = load ptr, ptr %6, align 8
-  %156 = icmp ne ptr %155, null
-  %157 = icmp ult i32 %134, 63
-  %158 = select i1 %156, i1 %157, i1 false
-  br i1 %158, label %132, label %159, !llvm.loop !10
+  %151 = load ptr, ptr %25, align 8
+  %152 = load ptr, ptr %151, align 8
+  %153 = getelementptr inbounds %struct.message, ptr %151, i64 0, i32 1
+  %154 = load i64, ptr %153, align 8
+  %155 = load ptr, ptr %26, align 8
+  %156 = getelementptr inbounds i64, ptr %155, i64 1
+  %157 = load i64, ptr %156, align 8
+  %158 = load atomic i64, ptr %28 acquire, align 8
+  %159 = icmp eq i64 %158, 0
+  br i1 %159, label %162, label %160
 
-159:                                              ; preds = %132, %149, %129, %139, %147
-  %160 = load ptr, ptr %10, align 8
-  %161 = icmp eq ptr %160, null
-  br i1 %161, label %189, label %162
+160:                                              ; preds = %150
+  %161 = load i64, ptr %21, align 8
+  br label %162
 
-162:                                              ; preds = %159, %179
-  %163 = phi ptr [ %185, %179 ], [ %160, %159 ]
-  %164 = phi i32 [ %184, %179 ], [ 0, %159 ]
-  %165 = load ptr, ptr %17, align 8
-  %166 = load ptr, ptr %28, align 8
-  %167 = load ptr, ptr %29, align 8
-  %168 = tail call i32 %165(ptr noundef nonnull %163, ptr noundef %166, ptr noundef %167, ptr noundef null) #6
-  switch i32 %168, label %169 [
-    i32 401, label %189
-    i32 0, label %179
+162:                                              ; preds = %160, %150
+  %163 = phi i64 [ %161, %160 ], [ %157, %150 ]
+  %164 = icmp sgt i64 %154, 11
+  br i1 %164, label %165, label %190
+
+165:                                              ; preds = %162
+  %166 = getelementptr inbounds i8, ptr %152, i64 1
+  %167 = load i8, ptr %166, align 1
+  %168 = icmp eq i8 %167, 1
+  %169 = icmp sgt i64 %163, 0
+  %170 = select i1 %168, i1 %169, i1 false
+  br i1 %170, label %171, label %190
+
+171:                                              ; preds = %165
+  %172 = getelementptr inbounds i8, ptr %152, i64 4
+  %173 = load i32, ptr %172, align 1
+  %174 = getelementptr inbounds i8, ptr %152, i64 8
+  %175 = load i32, ptr %174, align 1
+  %176 = sext i32 %173 to i64
+  %177 = mul nsw i64 %176, 1000000000
+  %178 = zext i32 %175 to i64
+  %179 = sub nsw i64 0, %178
+  %180 = icmp eq i64 %177, %179
+  br i1 %180, label %181, label %190
+
+181:                                              ; preds = %171
+  %182 = load ptr, ptr %25, align 8
+  %183 = load ptr, ptr %182, align 8
+  %184 = getelementptr inbounds i8, ptr %183, i64 4
+  %185 = udiv i64 %163, 1000000000
+  %186 = trunc i64 %185 to i32
+  %187 = urem i64 %163, 1000000000
+  %188 = trunc i64 %187 to i32
+  store i32 %186, ptr %184, align 1
+  %189 = getelementptr inbounds i8, ptr %183, i64 8
+  store i32 %188, ptr %189, align 1
+  br label %190
+
+190:                                              ; preds = %162, %165, %171, %181
+  tail call void @cycle(ptr noundef nonnull %0, ptr noundef %87, ptr noundef %152, i64 noundef %154)
+  %191 = add nuw nsw i32 %135, 1
+  %192 = load ptr, ptr %6, align 8
+  %193 = icmp ne ptr %192, null
+  %194 = icmp ult i32 %135, 63
+  %195 = select i1 %193, i1 %194, i1 false
+  br i1 %195, label %133, label %196, !llvm.loop !10
+
+196:                                              ; preds = %133, %190, %130, %140, %148
+  %197 = load ptr, ptr %10, align 8
+  %198 = icmp eq ptr %197, null
+  br i1 %198, label %226, label %199
+
+199:                                              ; preds = %196, %216
+  %200 = phi ptr [ %222, %216 ], [ %197, %196 ]
+  %201 = phi i32 [ %221, %216 ], [ 0, %196 ]
+  %202 = load ptr, ptr %17, align 8
+  %203 = load ptr, ptr %29, align 8
+  %204 = load ptr, ptr %30, align 8
+  %205 = tail call i32 %202(ptr noundef nonnull %200, ptr noundef %203, ptr noundef %204, ptr noundef null) #6
+  switch i32 %205, label %206 [
+    i32 401, label %226
+    i32 0, label %216
   ]
 
-169:                                              ; preds = %162
-  %170 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
-  %171 = load i64, ptr %30, align 8
-  %172 = add nsw i64 %171, 1
-  store i64 %172, ptr %30, align 8
-  %173 = load ptr, ptr %23, align 8
-  %174 = tail call i32 %173(i32 noundef 1000) #6
-  %175 = load i64, ptr %30, align 8
-  %176 = icmp sgt i64 %175, 999
-  br i1 %176, label %177, label %189
+206:                                              ; preds = %199
+  %207 = atomicrmw add ptr %22, i64 1 seq_cst, align 8
+  %208 = load i64, ptr %31, align 8
+  %209 = add nsw i64 %208, 1
+  store i64 %209, ptr %31, align 8
+  %210 = load ptr, ptr %23, align 8
+  %211 = tail call i32 %210(i32 noundef 1000) #6
+  %212 = load i64, ptr %31, align 8
+  %213 = icmp sgt i64 %212, 999
+  br i1 %213, label %214, label %226
 
-177:                                              ; preds = %169
-  %178 = sext i32 %168 to i64
-  store i64 %178, ptr %24, align 8
-  br label %189
+214:                                              ; preds = %206
+  %215 = sext i32 %205 to i64
+  store i64 %215, ptr %24, align 8
+  br label %226
 
-179:                                              ; preds = %162
-  store i64 0, ptr %30, align 8
-  %180 = load ptr, ptr %28, align 8
-  %181 = load ptr, ptr %180, align 8
-  %182 = getelementptr inbounds %struct.message, ptr %180, i64 0, i32 1
-  %183 = load i64, ptr %182, align 8
-  tail call void @hear(ptr noundef nonnull %0, ptr noundef %86, ptr noundef %181, i64 noundef %183) #6, !callees !11
-  %184 = add nuw nsw i32 %164, 1
-  %185 = load ptr, ptr %10, align 8
-  %186 = icmp ne ptr %185, null
-  %187 = icmp ult i32 %164, 63
-  %188 = select i1 %186, i1 %187, i1 false
-  br i1 %188, label %162, label %189, !llvm.loop !10
+216:                                              ; preds = %199
+  store i64 0, ptr %31, align 8
+  %217 = load ptr, ptr %29, align 8
+  %218 = load ptr, ptr %217, align 8
+  %219 = getelementptr inbounds %struct.message, ptr %217, i64 0, i32 1
+  %220 = load i64, ptr %219, align 8
+  tail call void @hear(ptr noundef nonnull %0, ptr noundef %87, ptr noundef %218, i64 noundef %220) #6, !callees !11
+  %221 = add nuw nsw i32 %201, 1
+  %222 = load ptr, ptr %10, align 8
+  %223 = icmp ne ptr %222, null
+  %224 = icmp ult i32 %201, 63
+  %225 = select i1 %223, i1 %224, i1 false
+  br i1 %225, label %199, label %226, !llvm.loop !10
 
-189:                                              ; preds = %162, %179, %159, %169, %177
-  tail call void @look_at_time(ptr noundef nonnull %0, ptr noundef %86)
-  %190 = load atomic i64, ptr %31 seq_cst, align 8
-  %191 = icmp eq i64 %190, 0
-  br i1 %191, label %194, label %192
+226:                                              ; preds = %199, %216, %196, %206, %214
+  tail call void @look_at_time(ptr noundef nonnull %0, ptr noundef %87)
+  %227 = load atomic i64, ptr %32 seq_cst, align 8
+  %228 = icmp eq i64 %227, 0
+  br i1 %228, label %231, label %229
 
-192:                                              ; preds = %189
-  %193 = load atomic i64, ptr %31 seq_cst, align 8
-  br label %196
+229:                                              ; preds = %226
+  %230 = load atomic i64, ptr %32 seq_cst, align 8
+  br label %233
 
-194:                                              ; preds = %189
-  %195 = load i64, ptr %24, align 8
-  br label %196
+231:                                              ; preds = %226
+  %232 = load i64, ptr %24, align 8
+  br label %233
 
-196:                                              ; preds = %194, %192
-  %197 = phi i64 [ %193, %192 ], [ %195, %194 ]
-  %198 = load atomic i64, ptr %31 seq_cst, align 8
-  %199 = icmp eq i64 %198, 0
-  br i1 %199, label %204, label %200
+233:                                              ; preds = %231, %229
+  %234 = phi i64 [ %230, %229 ], [ %232, %231 ]
+  %235 = load atomic i64, ptr %32 seq_cst, align 8
+  %236 = icmp eq i64 %235, 0
+  br i1 %236, label %241, label %237
 
-200:                                              ; preds = %196
-  %201 = getelementptr inbounds %struct.plan, ptr %86, i64 0, i32 15
-  %202 = load ptr, ptr %201, align 8
-  %203 = icmp ne ptr %202, null
-  br label %204
+237:                                              ; preds = %233
+  %238 = getelementptr inbounds %struct.plan, ptr %87, i64 0, i32 15
+  %239 = load ptr, ptr %238, align 8
+  %240 = icmp ne ptr %239, null
+  br label %241
 
-204:                                              ; preds = %196, %200
-  %205 = phi i1 [ false, %196 ], [ %203, %200 ]
-  %206 = zext i1 %205 to i8
-  %207 = icmp eq i64 %197, 0
-  br i1 %207, label %32, label %208
+241:                                              ; preds = %233, %237
+  %242 = phi i1 [ false, %233 ], [ %240, %237 ]
+  %243 = zext i1 %242 to i8
+  %244 = icmp eq i64 %234, 0
+  br i1 %244, label %33, label %245
 
-208:                                              ; preds = %204, %82
-  %209 = phi i8 [ %33, %82 ], [ %206, %204 ]
-  %210 = phi i64 [ %83, %82 ], [ %197, %204 ]
-  %211 = icmp eq i8 %209, 0
-  br i1 %211, label %212, label %223
+245:                                              ; preds = %241, %83
+  %246 = phi i8 [ %34, %83 ], [ %243, %241 ]
+  %247 = phi i64 [ %84, %83 ], [ %234, %241 ]
+  %248 = icmp eq i8 %246, 0
+  br i1 %248, label %249, label %260
 
-212:                                              ; preds = %208
-  %213 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 20
-  %214 = load ptr, ptr %213, align 8
-  %215 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 23
-  %216 = load i64, ptr %215, align 8
-  %217 = shl i64 %216, 3
-  tail call void @llvm.memset.p0.i64(ptr align 8 %214, i8 0, i64 %217, i1 false)
-  %218 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 18
-  %219 = load ptr, ptr %218, align 8
-  %220 = getelementptr inbounds %struct.path_head, ptr %219, i64 0, i32 1
-  store double 1.000000e+00, ptr %220, align 8
-  %221 = load ptr, ptr %218, align 8
-  %222 = getelementptr inbounds %struct.path_head, ptr %221, i64 0, i32 3
-  store double 0.000000e+00, ptr %222, align 8
+249:                                              ; preds = %245
+  %250 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 20
+  %251 = load ptr, ptr %250, align 8
+  %252 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 23
+  %253 = load i64, ptr %252, align 8
+  %254 = shl i64 %253, 3
+  tail call void @llvm.memset.p0.i64(ptr align 8 %251, i8 0, i64 %254, i1 false)
+  %255 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 18
+  %256 = load ptr, ptr %255, align 8
+  %257 = getelementptr inbounds %struct.path_head, ptr %256, i64 0, i32 1
+  store double 1.000000e+00, ptr %257, align 8
+  %258 = load ptr, ptr %255, align 8
+  %259 = getelementptr inbounds %struct.path_head, ptr %258, i64 0, i32 3
+  store double 0.000000e+00, ptr %259, align 8
   tail call fastcc void @publish_result(ptr noundef nonnull %0)
-  br label %223
+  br label %260
 
-223:                                              ; preds = %212, %208
-  %224 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 3
-  store atomic i64 %210, ptr %224 release, align 8
-  br label %225
+260:                                              ; preds = %249, %245
+  %261 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 3
+  store atomic i64 %247, ptr %261 release, align 8
+  br label %262
 
-225:                                              ; preds = %32, %223
+262:                                              ; preds = %33, %260
   ret ptr null
 }
 
@@ -1717,5 +1768,5 @@ attributes #6 = { nounwind }
 !8 = distinct !{!8, !2, !3}
 !9 = distinct !{!9, !2, !3}
 !10 = distinct !{!10, !2, !3}
-!11 = distinct !{ptr @cycle, ptr @hear, null}
+!11 = distinct !{null, ptr @hear, null}
 !12 = distinct !{!12, !2, !3}

@@ -1,6 +1,7 @@
 """Read small serialized messages, a header and numbers, and compare their stamps."""
 
 from collections.abc import Callable
+import struct
 from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
@@ -12,6 +13,9 @@ from rclpy.serialization import deserialize_message
 # Reasons to drop a message
 NOT_FINITE, MALFORMED = 'not finite', 'malformed message'
 FUTURE, OUT_OF_ORDER = 'stamp in the future', 'stamp before the latest one'
+
+LITTLE_ENDIAN = 1  # in the second byte of a message
+NO_STAMP = bytes(8)
 
 
 class StampedNumbers(NamedTuple):
@@ -66,6 +70,24 @@ def read_stamped(data: bytes, kind: Any, count: int,
         frame = message.header.frame_id
         numbers = numbers_of(message)
     return StampedNumbers(sec * NANO + nanosec, frame, numbers)
+
+
+def with_stamp(data: bytes, received: int) -> bytes:
+    """
+    Return a serialized message that begins with a Header, and has a stamp.
+
+    Parameters
+    ----------
+    data : bytes
+        The message. Returned unchanged if it has a stamp, or is not little-endian CDR.
+    received : int
+        The stamp of a message that has none, ns: a message that has waited is not of the
+        time at which it is read. 0 if the time is unknown.
+
+    """
+    if data[4:12] != NO_STAMP or data[1] != LITTLE_ENDIAN or received <= 0:
+        return data
+    return data[:4] + struct.pack('<iI', *divmod(received, NANO)) + data[12:]
 
 
 def time_fault(stamp: int, now: int, last: int, timeout: int, stale: str

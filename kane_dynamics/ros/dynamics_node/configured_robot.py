@@ -31,6 +31,7 @@ from kane_dynamics.ros.common.rcl_functions import (destroy_subscription_of_thre
                                                     guard_condition,
                                                     subscription_of_thread,
                                                     UnsupportedError)
+from kane_dynamics.ros.common.stamped_numbers import with_stamp
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
@@ -506,8 +507,10 @@ class ConfiguredRobot:
             BEST_EFFORT, raw=True))
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
+        received = self._now() if self._simulated_time else info['received_timestamp']
         self._answers = False
-        self.path.on_state(data)  # first: the command must not wait for the count
+        # First: the command must not wait for the count.
+        self.path.on_state(with_stamp(data, received))
         self._answers = True
         self.lost_states.note(info)
 

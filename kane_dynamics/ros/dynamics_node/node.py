@@ -570,6 +570,7 @@ class DynamicsNode(LifecycleNode):
     def _check_timeout(self) -> None:
         if self.arm is not None:
             self.arm.path.check_timeout()
+            self.arm.path.raise_failure()
 
     def _check_sim_time(self) -> None:
         self._sim_time.check(None if self.arm is None else self.arm.path)

@@ -13,8 +13,10 @@ from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.cdr import float64_multi_array
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.common.lost_messages import with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
+from kane_dynamics.ros.common.stamped_numbers import with_stamp
 from kane_dynamics.ros.guard.guard_messages import arm_digest, REQUEST, STATE
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.guard.node_torques import NodeTorques
@@ -116,10 +118,14 @@ class ConfiguredGuard:
         opened.callback(node.destroy_timer, timer)
         # What it hears: the arm, and the node's torques with their deadline and
         # liveliness.
-        subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
+        subscribe(JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT)
         opened.callback(torques.hear(values['guard.lease'], values['guard.deadline'],
                                      self))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
+
+    def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
+        received = self.now() if self._simulated_time else info['received_timestamp']
+        self.path.on_state(with_stamp(data, received))
 
     def _tick(self) -> None:
         """Note that the guard runs; report it if the guard was stopped before."""

@@ -35,8 +35,7 @@ from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
-from kane_dynamics.ros.torque_path.cycle_observer import (Cycle, CycleObserver,
-                                                          GuardSide)
+from kane_dynamics.ros.torque_path.cycle_observer import GuardSide
 from kane_dynamics.ros.torque_path.drop_reasons import LEARNED, REASONS
 from kane_dynamics.ros.torque_path.executors import CallbackExecutor, ThreadExecutor
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateLayout,
@@ -481,14 +480,6 @@ class NativeTorquePath(TorquePath):
             external = self.wrenches.torques(self._reader.q, now)
         if self._observers:
             self._observe(path, at, motion, report.event.moment, external)
-
-    def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
-        """Call an observer, on which the torques do not depend."""
-        try:
-            super()._call(observer, cycle)
-        except Exception as error:
-            self._report_fault('observer', f'{type(observer).__name__}: '
-                               f'{type(error).__name__}: {error}')
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the thread did; return whether there was one."""

@@ -123,6 +123,8 @@ class TorquePath:
         self._waiting = b''  # the last state, if it waits for torque_guard
         self._observers: list[CycleObserver] = []
         self._idle: deque[bytes] = deque(maxlen=IDLE)  # states while it does not run
+        self._failed: set[CycleObserver] = set()  # since the start
+        self._observer_failure = ''  # that is to be raised
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
         self._epoch = 0  # of the times in the memory, ns
@@ -371,6 +373,8 @@ class TorquePath:
             self.loops.restart()
         if self.wrenches is not None:
             self.wrenches.clear()
+        self._failed.clear()
+        self._observer_failure = ''
         for observer in self._observers:
             observer.start()
         self._replan()
@@ -569,11 +573,28 @@ class TorquePath:
                           bool(clamped.any() or rate_limited.any()))
         cycle = Cycle(stamp, self._reader, motion, moment, tau, external, command)
         for observer in self._observers:
-            self._call(observer, cycle)
+            if observer in self._failed:
+                continue
+            try:
+                observer.on_cycle(cycle)
+            except Exception as error:
+                self._failed.add(observer)
+                self._observer_failure = (f'observer {type(observer).__name__}: '
+                                          f'{type(error).__name__}: {error}')
 
-    def _call(self, observer: CycleObserver, cycle: Cycle) -> None:
-        """Call an observer."""
-        observer.on_cycle(cycle)
+    def raise_failure(self) -> None:
+        """
+        Raise, once, what an observer has raised; called outside of a cycle.
+
+        Raises
+        ------
+        RuntimeError
+            An observer has failed. It is not called again until the next start.
+
+        """
+        failure, self._observer_failure = self._observer_failure, ''
+        if failure:
+            raise RuntimeError(failure)
 
     def _torque(self, stamp: int, motion: Motion | None, moment: float,
                 external: Array | None) -> Array:

@@ -825,9 +825,8 @@ def test_the_thread_ends_before_its_memory_does():
     assert ended.is_set()
 
 
-def test_an_observer_that_fails_does_not_stop_the_torques():
+def test_an_observer_that_fails_is_raised_once_by_both_paths_and_torques_go_on():
     pair = Pair('gravity_compensation', 1)
-    native = pair.sides[1]
 
     class Faulty:
         """An observer that fails."""
@@ -840,11 +839,18 @@ def test_an_observer_that_fails_does_not_stop_the_torques():
 
         def on_cycle(self, cycle):
             raise ValueError('broken')
-    native.path.add_observer(Faulty(), need_effort=False)
+    for side in pair.sides:
+        side.path.add_observer(Faulty(), need_effort=False)
     for _ in range(3):
         pair.do_state('state')
     pair.compare('state')
-    assert ('observer', 'Faulty: ValueError: broken') in native.warnings
+    for side in pair.sides:
+        with pytest.raises(RuntimeError, match='observer Faulty: ValueError: broken'):
+            side.path.raise_failure()
+        side.path.raise_failure()
+    pair.do_state('state')
+    for side in pair.sides:
+        side.path.raise_failure()
 
 
 def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.ros.common.configuration_files import locked_joints
-from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
+from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE, with_stamp
 from kane_dynamics.ros.torque_path.drop_reasons import (
     ELSEWHERE, MISSING, NO_VELOCITY, SHORT, TWICE)
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader,
@@ -29,6 +29,22 @@ def state(names, positions, velocities=()):
 
 def wire(*arguments):
     return serialize_message(state(*arguments))
+
+
+def test_only_a_message_without_a_stamp_gets_the_time_of_its_reception():
+    message = state('abc', [1, 2, 3], [4, 5, 6])
+    received = 1_700_000_000_123_456_789
+    data = serialize_message(message)
+    reader = JointStateReader(JOINTS)
+    assert reader.read(with_stamp(data, received), True) is None
+    assert reader.stamp == received
+    assert (reader.q.tolist(), reader.u.tolist()) == ([1, 2, 3], [4, 5, 6])
+    big_endian = data[:1] + b'\x00' + data[2:]
+    for unchanged, time in ((data, 0), (big_endian, received), (data[:8], received)):
+        assert with_stamp(unchanged, time) == unchanged
+    message.header.stamp.nanosec = 1
+    data = serialize_message(message)
+    assert with_stamp(data, received) == data
 
 
 def test_a_state_is_read_by_name_into_the_same_arrays():
