@@ -26,10 +26,12 @@ class FrameMethods(DynamicsMethods):
 
     @of_frame('frame_velocity')
     def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *,
-                       t: ArrayLike = 0.0,
+                       t: ArrayLike = 0.0, axes: str = 'world',
                        out: Array | None = None) -> Array:
-        """Return the velocity of a frame, (6,): linear, angular; world axes."""
-        return self._at_frame('frame_velocity', frame, (q, u), out, t)
+        """Return the velocity of a frame, (6,): linear, angular; axes as of `jacobian`."""
+        velocity = self._at_frame('frame_velocity', frame, (q, u), out, t)
+        self._turn(velocity[..., None], frame, q, axes)
+        return velocity
 
     @of_frame('frame_acceleration')
     def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
@@ -68,16 +70,20 @@ class FrameMethods(DynamicsMethods):
             Names the argument, what was given and what is expected.
 
         """
+        J = self._at_frame('partial_velocities', frame, (q,), out, t)
+        self._turn(J, frame, q, axes)
+        return J
+
+    def _turn(self, rows: Array, frame: str, q: ArrayLike, axes: str) -> None:
+        """Turn rows in world axes, (..., 6, k), to the chosen axes, in place."""
         if axes not in ('world', 'frame'):
             raise InputError(f"axes: {axes!r}; expected 'world' or 'frame'")
-        J = self._at_frame('partial_velocities', frame, (q,), out, t)
         if axes == 'world':
-            return J
+            return
         # R^T J, for linear and angular rows.
         to_frame = np.swapaxes(self.frame_pose(frame, q)[..., :3, :3], -1, -2)
-        J[..., :3, :] = to_frame @ J[..., :3, :]
-        J[..., 3:, :] = to_frame @ J[..., 3:, :]
-        return J
+        rows[..., :3, :] = to_frame @ rows[..., :3, :]
+        rows[..., 3:, :] = to_frame @ rows[..., 3:, :]
 
     @of_frame('partial_velocity_rates')
     def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *,

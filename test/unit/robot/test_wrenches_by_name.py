@@ -191,6 +191,21 @@ def test_the_body_jacobian_is_pinocchios_local_one():
         arm().jacobian('tool0', q, axes='body')
 
 
+def test_the_velocity_in_the_frames_axes_is_its_jacobian_times_the_speeds():
+    rng = np.random.default_rng(2)
+    q, u = rng.uniform(-1.0, 1.0, (2, 3, arm().n))
+    J = arm().jacobian('tool0', q, axes='frame')
+    expected = np.einsum('bij,bj->bi', J, u)
+    got = arm().frame_velocity('tool0', q, u, axes='frame')
+    assert_allclose(got, expected, atol=1e-12)
+    out = np.empty(6)
+    assert_allclose(arm().frame_velocity('tool0', q[0], u[0], axes='frame', out=out),
+                    expected[0], atol=1e-12)
+    assert_allclose(out, expected[0], atol=1e-12)
+    with pytest.raises(InputError, match="axes: 'tool'; expected 'world' or 'frame'"):
+        arm().frame_velocity('tool0', q, u, axes='tool')
+
+
 def test_a_pose_of_roll_pitch_yaw_reaches_inverse_kinematics():
     assert pose_from((1, 2, 3), rpy=(0, 0, np.pi / 2))[:3] == pytest.approx(np.array(
         [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]]))
