@@ -1,12 +1,9 @@
 """
-Numbers in LLVM IR: floating-point types, literals, and elementary functions.
+Doubles in LLVM IR: literals, vectors and elementary functions.
 
-`Real` is a type with the limits and coefficients that its functions need; `Vector` emits
-branch-free instructions on vectors or scalars of a type.
+`Vector` emits branch-free instructions on vectors or scalars.
 """
 
-from ctypes import c_float
-from dataclasses import dataclass
 import math
 import struct
 import sys
@@ -48,88 +45,28 @@ LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 POSITION_LIMIT = 1e12
 
 
-@dataclass(frozen=True)
-class Real:
-    """
-    A floating-point type of LLVM, with what its elementary functions need.
-
-    Attributes
-    ----------
-    name : str
-        LLVM's name.
-    bits, mantissa : int
-        Of a number; of its mantissa without the leading one.
-    largest, smallest : float
-        Of the finite and of the positive normal numbers.
-    half_pi, log_2 : two floats
-        Leading part and rest of pi/2 and of log 2.
-    exp_range : two floats
-        Beyond these, exp is 0 or infinity.
-    sine, cosine, exp, log, arctan : tuples of float
-        The terms of SIN, COS, EXP, LOG and ARCTAN that are used.
-    position_limit : float
-        Largest position accepted, rad or m.
-    round : float
-        A number whose addition rounds to the nearest integer.
-
-    """
-
-    name: str
-    bits: int
-    mantissa: int
-    largest: float
-    smallest: float
-    half_pi: tuple[float, float]
-    log_2: tuple[float, float]
-    exp_range: tuple[float, float]
-    sine: tuple[float, ...]
-    cosine: tuple[float, ...]
-    exp: tuple[float, ...]
-    log: tuple[float, ...]
-    arctan: tuple[float, ...]
-    position_limit: float
-    round: float  # noqa: A003
-
-    @property
-    def bias(self) -> int:
-        """Return the bias of the exponent."""
-        return (1 << self.bits - self.mantissa - 2) - 1
-
-    @property
-    def sqrt_half(self) -> int:
-        """Return the bits of sqrt(1/2)."""
-        kind = '<qd' if self.bits == 64 else '<if'
-        content = struct.pack(f'<{kind[2]}', math.sqrt(0.5))
-        number: int = struct.unpack(kind[:2], content)[0]
-        return number
-
-    def size_limit(self, argument: str) -> float:
-        """Return the largest absolute value allowed in the argument of this name."""
-        return self.position_limit if argument in ('q', 'q0') else math.inf
-
-    def literal(self, value: float) -> str:
-        """Return a number of this type as an LLVM hexadecimal literal, bit for bit."""
-        value = float(value) if self.bits == 64 else c_float(value).value
-        return f'0x{struct.unpack("<Q", struct.pack("<d", value))[0]:016X}'
+# Of doubles: bits of the mantissa, bias of the exponent, bits of sqrt(1/2).
+MANTISSA = 52
+BIAS = 1023
+SQRT_HALF = struct.unpack('<q', struct.pack('<d', math.sqrt(0.5)))[0]
+HALF_PI = 1.5707963267948966, 6.123233995736766e-17  # leading part and rest
+EXP_RANGE = -746.0, 710.0  # beyond these, exp is 0 or infinity
+ROUND = 1.5 * 2.0**52  # adding it rounds to the nearest integer
 
 
-DOUBLE = Real('double', 64, 52, sys.float_info.max, sys.float_info.min,
-              (1.5707963267948966, 6.123233995736766e-17), LN2, (-746.0, 710.0),
-              SIN, COS, EXP, LOG, ARCTAN, POSITION_LIMIT, 1.5 * 2.0**52)
-# Neighboring floats are 1e-3 apart at its largest position. Terms that are left out are
-# under 3e-9 of the result.
-FLOAT = Real('float', 32, 23, 2.0**128 - 2.0**104, 2.0**-126,
-             (1.57079637050628662109375, -4.37113900018624283e-8),
-             (0.693359375, -2.12194440054690583e-4), (-104.0, 89.0), SIN[:4], COS[:4],
-             EXP[:7], LOG[:4], ARCTAN[:8], 1e4, 1.5 * 2.0**23)
-# Of doubles, which all code uses that names no other type.
-literal = DOUBLE.literal
-size_limit = DOUBLE.size_limit
+def size_limit(argument: str) -> float:
+    """Return the largest absolute value allowed in the argument of this name."""
+    return POSITION_LIMIT if argument in ('q', 'q0') else math.inf
 
 
-def overflow_scale(most: float, real: Real = DOUBLE) -> float:
+def literal(value: float) -> str:
+    """Return a double as an LLVM hexadecimal literal, bit for bit."""
+    return f'0x{struct.unpack("<Q", struct.pack("<d", float(value)))[0]:016X}'
+
+
+def overflow_scale(most: float) -> float:
     """Return a factor by which numbers larger than `most` overflow to infinity."""
-    return 1.0 if math.isinf(most) else real.largest / most
+    return 1.0 if math.isinf(most) else sys.float_info.max / most
 
 
 def constant_vector(element: str, value: str, width: int) -> str:
@@ -152,14 +89,14 @@ def constant_vector(element: str, value: str, width: int) -> str:
     return f'<{lanes}>'
 
 
-def vector_type(width: int, real: Real = DOUBLE) -> str:
+def vector_type(width: int) -> str:
     """Return the LLVM type of `width` numbers; a scalar for width 1."""
-    return real.name if width == 1 else f'<{width} x {real.name}>'
+    return 'double' if width == 1 else f'<{width} x double>'
 
 
-def intrinsic_end(width: int, real: Real = DOUBLE) -> str:
+def intrinsic_end(width: int) -> str:
     """Return the end of the name of an LLVM intrinsic of `width` numbers."""
-    return f'f{real.bits}' if width == 1 else f'v{width}f{real.bits}'
+    return 'f64' if width == 1 else f'v{width}f64'
 
 
 # Arguments of one state whose elementary functions are evaluated in one vector.
@@ -173,7 +110,7 @@ class Vector:
     """Emits LLVM IR instructions on vectors of `width` numbers, with fresh names."""
 
     def __init__(self, lines: list[str], prefix: str, width: int,
-                 real: Real = DOUBLE, few_operations: bool = False,
+                 few_operations: bool = False,
                  permutes: bool = False) -> None:
         """
         Emit into `lines`; `prefix` makes the names unique in the function.
@@ -188,10 +125,9 @@ class Vector:
         self.prefix = prefix
         self.width = width
         self.count = 0
-        self.real = real
-        self.type = vector_type(width, real)
-        self.end = intrinsic_end(width, real)
-        self.integer = f'i{real.bits}'
+        self.type = vector_type(width)
+        self.end = intrinsic_end(width)
+        self.integer = 'i64'
         # Names of LLVM's types: of values, of integers of the same size, and of truth
         # values.
         self.truth = 'i1'
@@ -208,7 +144,7 @@ class Vector:
 
     def const(self, value: float) -> str:
         """Return a constant vector with the value in every lane."""
-        return constant_vector(self.real.name, self.real.literal(value), self.width)
+        return constant_vector('double', literal(value), self.width)
 
     def op(self, code: str, a: str, b: str) -> str:
         """Return the result of a binary instruction."""
@@ -229,7 +165,7 @@ class Vector:
 
     def integer_op(self, code: str, a: str, k: int) -> str:
         """Return the result of an integer instruction with a constant operand."""
-        constant = constant_vector(f'i{self.real.bits}', str(k), self.width)
+        constant = constant_vector('i64', str(k), self.width)
         return self.new(f'{code} {self.integer} {a}, {constant}')
 
     def select(self, condition: str, a: str, b: str) -> str:
@@ -246,7 +182,7 @@ class Vector:
     def nonfinite_bits(self, x: str, most: float = math.inf) -> str:
         """Return the bits of x - x: zero where |x| is finite and at most `most`."""
         if math.isfinite(most):  # larger numbers overflow
-            x = self.op('fmul', x, self.const(overflow_scale(most, self.real)))
+            x = self.op('fmul', x, self.const(overflow_scale(most)))
         return self.bits(self.op('fsub', x, x))
 
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:
@@ -286,21 +222,21 @@ class Vector:
         # x = k h + r, so that |r| <= h/2: adding `round` leaves the whole number k in the
         # last bits of the mantissa.
         parts = 4 if self.permutes else 1  # of pi/2
-        round_up = self.const(self.real.round)
+        round_up = self.const(ROUND)
         shifted = self.fma(x, self.const(2.0 * parts / math.pi), round_up)
         quadrant = self.bits(shifted)
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, round_up))
         # h in two parts, so that r keeps its digits.
         r = x
-        for part in self.real.half_pi:
+        for part in HALF_PI:
             r = self.fma(k, self.const(part / parts), r)
         if self.permutes:
             return self._sin_cos_near_eighths(quadrant, r)
         # Polynomials of sine and cosine of r.
         z = self.op('fmul', r, r)
-        sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
+        sine = self.fma(self.op('fmul', r, z), self.polynomial(SIN, z), r)
         head = self.fma(z, self.const(-0.5), self.const(1.0))
-        cosine = self.fma(self.op('fmul', z, z), self.polynomial(self.real.cosine, z),
+        cosine = self.fma(self.op('fmul', z, z), self.polynomial(COS, z),
                           head)
         # Odd quarter turns exchange them; the second bit of the quarter is the sign.
         odd = self.new(f'icmp ne {self.integer} {self.integer_op("and", quadrant, 1)}, '
@@ -310,7 +246,7 @@ class Vector:
                               (self.select(odd, sine, cosine),
                                self.integer_op('add', quadrant, 1))):
             sign = self.integer_op('shl', self.integer_op('and', turned, 2),
-                                   self.real.bits - 2)
+                                   62)
             flipped = self.new(f'xor {self.integer} {self.bits(value)}, {sign}')
             result.append(self.number(flipped))
         return result[0], result[1]
@@ -334,7 +270,7 @@ class Vector:
         turn = half_turn + [-value for value in half_turn]
         chosen = []
         for table in (turn, turn[4:] + turn[:4]):
-            entries = list(map('double {}'.format, map(self.real.literal, table)))
+            entries = list(map('double {}'.format, map(literal, table)))
             low, high = ', '.join(entries[:8]), ', '.join(entries[8:])
             chosen.append(self.new(
                 f'call {self.type} @{PERMUTE}({self.type} <{low}>, {self.integer} {number}, '
@@ -355,16 +291,16 @@ class Vector:
         # 2 |x| = k log 2 + r, as in `exp`.
         z = self.op('fadd', size, size)
         shifted = self.fma(z, self.const(1.0 / math.log(2.0)),
-                           self.const(self.real.round))
+                           self.const(ROUND))
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted,
-                                                    self.const(self.real.round)))
-        r = self.fma(k, self.const(self.real.log_2[0]), z)
-        r = self.fma(k, self.const(self.real.log_2[1]), r)
-        small = self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r)
+                                                    self.const(ROUND)))
+        r = self.fma(k, self.const(LN2[0]), z)
+        r = self.fma(k, self.const(LN2[1]), r)
+        small = self.fma(self.op('fmul', r, r), self.polynomial(EXP, r), r)
         # E = 2^k (e^r - 1) + 2^k - 1 loses no digits near zero.
         power = self.number(self.integer_op(
-            'shl', self.integer_op('add', self.bits(shifted), self.real.bias),
-            self.real.mantissa))
+            'shl', self.integer_op('add', self.bits(shifted), BIAS),
+            MANTISSA))
         E = self.fma(power, small, self.op('fsub', power, self.const(1.0)))
         quotient = self.op('fdiv', E, self.op('fadd', E, self.const(2.0)))
         return self.new(f'call {self.type} @llvm.copysign.{self.end}('
@@ -372,42 +308,42 @@ class Vector:
 
     def exp(self, x: str) -> str:
         """Return exp x = 2^k exp r, with an integer k and 2^k in two factors."""
-        low, high = self.real.exp_range
+        low, high = EXP_RANGE
         for code, most in (('ogt', high), ('olt', low)):  # NaN stays NaN
             past = self.new(f'fcmp {code} {self.type} {x}, {self.const(most)}')
             x = self.select(past, self.const(most), x)
         # x = k log 2 + r, with log 2 in two parts.
         shifted = self.fma(x, self.const(1.0 / math.log(2.0)),
-                           self.const(self.real.round))
+                           self.const(ROUND))
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted,
-                                                    self.const(self.real.round)))
-        r = self.fma(k, self.const(self.real.log_2[0]), x)
-        r = self.fma(k, self.const(self.real.log_2[1]), r)
+                                                    self.const(ROUND)))
+        r = self.fma(k, self.const(LN2[0]), x)
+        r = self.fma(k, self.const(LN2[1]), r)
         power = self.op('fadd', self.const(1.0),
                         self.fma(self.op('fmul', r, r),
-                                 self.polynomial(self.real.exp, r), r))
+                                 self.polynomial(EXP, r), r))
         whole = self.new(f'sub {self.integer} {self.bits(shifted)}, '
-                         + self.bits(self.const(self.real.round)))
+                         + self.bits(self.const(ROUND)))
         # Two factors: 2^k alone may be beyond the normal numbers where e^x is not.
         half = self.integer_op('ashr', whole, 1)
         for part in (half, self.new(f'sub {self.integer} {whole}, {half}')):
             power = self.op('fmul', power, self.number(self.integer_op(
-                'shl', self.integer_op('add', part, self.real.bias),
-                self.real.mantissa)))
+                'shl', self.integer_op('add', part, BIAS),
+                MANTISSA)))
         return power
 
     def log(self, x: str) -> str:
         """Return log x = k log 2 + log m, m from sqrt(1/2) to sqrt(2); 1 ulp."""
         # Numbers below the normal ones are scaled up first, by 2^lift.
-        lift = self.real.mantissa + 2
-        tiny = self.new(f'fcmp olt {self.type} {x}, {self.const(self.real.smallest)}')
+        lift = MANTISSA + 2
+        tiny = self.new(f'fcmp olt {self.type} {x}, {self.const(sys.float_info.min)}')
         scaled = self.select(tiny, self.op(
             'fmul', x, self.const(2.0**lift)), x)
         # x = 2^k m: the exponent's bits, counted from sqrt(1/2), are k, the others m.
-        above = self.integer_op('sub', self.bits(scaled), self.real.sqrt_half)
-        exponent = self.integer_op('ashr', above, self.real.mantissa)
+        above = self.integer_op('sub', self.bits(scaled), SQRT_HALF)
+        exponent = self.integer_op('ashr', above, MANTISSA)
         m = self.number(self.new(f'sub {self.integer} {self.bits(scaled)}, '
-                                 + self.integer_op('shl', exponent, self.real.mantissa)))
+                                 + self.integer_op('shl', exponent, MANTISSA)))
         k = self.new(f'sitofp {self.integer} {exponent} to {self.type}')
         k = self.op('fsub', k, self.select(tiny, self.const(lift), self.const(0.0)))
         # log m = 2 artanh(s) with s = f / (2 + f), f = m - 1.
@@ -415,9 +351,9 @@ class Vector:
         s = self.op('fdiv', f, self.op('fadd', f, self.const(2.0)))
         z = self.op('fmul', s, s)
         half = self.op('fmul', self.op('fmul', f, f), self.const(0.5))
-        tail = self.op('fmul', s, self.fma(z, self.polynomial(self.real.log, z), half))
-        tail = self.op('fsub', half, self.fma(k, self.const(self.real.log_2[1]), tail))
-        value = self.fma(k, self.const(self.real.log_2[0]), self.op('fsub', f, tail))
+        tail = self.op('fmul', s, self.fma(z, self.polynomial(LOG, z), half))
+        tail = self.op('fsub', half, self.fma(k, self.const(LN2[1]), tail))
+        value = self.fma(k, self.const(LN2[0]), self.op('fsub', f, tail))
         for code, edge, result in (('oeq', 0.0, -math.inf), ('oeq', math.inf, math.inf),
                                    # Of a negative number, and of NaN.
                                    ('ult', 0.0, math.nan)):
@@ -440,11 +376,11 @@ class Vector:
                  1.0)):
             past = self.new(f'fcmp ogt {self.type} {size}, {self.const(edge)}')
             r = self.select(past, reduced, r)
-            base = self.select(past, self.const(share * self.real.half_pi[0]), base)
-            low = self.select(past, self.const(share * self.real.half_pi[1]), low)
+            base = self.select(past, self.const(share * HALF_PI[0]), base)
+            low = self.select(past, self.const(share * HALF_PI[1]), low)
         # arctan r = r + r^3 p(r^2); the rest of the base is added to the small part.
         z = self.op('fmul', r, r)
-        tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), low)
+        tail = self.fma(self.op('fmul', r, z), self.polynomial(ARCTAN, z), low)
         value = self.op('fadd', base, self.op('fadd', r, tail))
         return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} '
                         f'{value}, {self.type} {x})')

@@ -17,10 +17,9 @@ import math
 from typing import Any, NamedTuple
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
-from kane_dynamics.native.backends.llvm_math import (constant_vector, DOUBLE,
-                                                     FUNCTION_LANES, intrinsic_end,
-                                                     literal, Real, transpose, Vector,
-                                                     vector_type)
+from kane_dynamics.native.backends.llvm_math import (constant_vector, FUNCTION_LANES,
+                                                     intrinsic_end, literal, transpose,
+                                                     Vector, vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import CALLS, PLACING, Program, ROWS
 from kane_dynamics.native.tracing.side_by_side import SideBySide
@@ -94,8 +93,6 @@ class Names(dict[int, str]):
     ----------
     lines : list of str
         Instructions of the function, to which loads are appended.
-    real : Real
-        Type of numbers.
 
     Attributes
     ----------
@@ -104,11 +101,10 @@ class Names(dict[int, str]):
 
     """
 
-    def __init__(self, lines: list[str], real: Real) -> None:
+    def __init__(self, lines: list[str]) -> None:
         """Begin without values."""
         super().__init__()
         self.lines = lines
-        self._real = real
         self.in_memory: dict[int, tuple[str, str, int]] = {}
         self._loads = 0
 
@@ -118,11 +114,9 @@ class Names(dict[int, str]):
         name = f'%load{self._loads}'
         # Each load has a name of its own: a value may be loaded again in another block.
         self._loads += 1
-        element = self._real.name
-        align = self._real.bits // 8
         at = f'{name}.at'
-        self.lines += [f'  {at} = getelementptr {element}, ptr {pointer}, i64 {place}',
-                       f'  {name} = load {kind}, ptr {at}, align {align}']
+        self.lines += [f'  {at} = getelementptr double, ptr {pointer}, i64 {place}',
+                       f'  {name} = load {kind}, ptr {at}, align 8']
         return name
 
 
@@ -514,17 +508,16 @@ class Function:
     pointers = 'ptr %args'  # parameters of the function
 
     def __init__(self, program: Program, symbol: str, lanes: int = 1,
-                 real: Real = DOUBLE, abreast: int = FUNCTION_LANES) -> None:
+                 abreast: int = FUNCTION_LANES) -> None:
         """Generate the function; `lines` holds the IR."""
         self.program = program
         self.symbol = symbol
         self.lanes = lanes
-        self.real = real
         self.abreast = abreast
-        self.type = vector_type(lanes, real)
+        self.type = vector_type(lanes)
         self.width = abreast * lanes  # of elementary functions
         self.lines: list[str] = []
-        self.names = Names(self.lines, real)
+        self.names = Names(self.lines)
         self.callees: list[Program | SideBySide] = []
         # Memory of the function, reserved once before its loops; and constants.
         self.reserved: list[str] = []
@@ -582,15 +575,15 @@ class Function:
     def callee(self, program: Program | SideBySide) -> 'Function':
         """Return the function of a subroutine."""
         if isinstance(program, SideBySide):
-            return Function(program.program, program.name, program.states, self.real,
+            return Function(program.program, program.name, program.states,
                             self.abreast)
-        return Function(program, program.name, self.lanes, self.real, self.abreast)
+        return Function(program, program.name, self.lanes, self.abreast)
 
     def value(self, x: Expr | float) -> str:
         """Return the IR name or literal of an operand."""
         if isinstance(x, Expr):
             return self.names[x.index]
-        return constant_vector(self.real.name, self.real.literal(x), self.lanes)
+        return constant_vector('double', literal(x), self.lanes)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
@@ -630,7 +623,7 @@ class Function:
         if len(self._zeros) < MEMSET_ZEROS:
             self._zeros = set()
             return
-        size = self.real.bits // 8 * self.lanes * len(outputs)
+        size = 8 * self.lanes * len(outputs)
         if self._wide.stored and size >= LOOP_OF_ZEROS:
             self._clear_by_rows(size)
             return
@@ -704,7 +697,7 @@ class Function:
             middle = chunk * CHUNK + CHUNK // 2
             self.reserved.append(f'  {pointer}.slot = alloca ptr')
             memory = f'ptr %ret{source.index}'
-            number = self.real.name
+            number = 'double'
             self.lines += [f'  {pointer}.at = getelementptr {number}, {memory}, i64 {middle}',
                            f'  store volatile ptr {pointer}.at, ptr {pointer}.slot',
                            f'  {pointer} = load volatile ptr, ptr {pointer}.slot']
@@ -766,7 +759,7 @@ class Function:
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
         elif node.op in ('sqrt', 'floor'):
-            kind = intrinsic_end(self.lanes, self.real)
+            kind = intrinsic_end(self.lanes)
             self.lines.append(f'  {name} = call {self.type} '
                               f'@llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
@@ -805,7 +798,7 @@ class Function:
         size = max(len(callee.outputs), 1)
         if node.op == 'side_by_side':  # the results are rows
             states = callee.states
-            kind = vector_type(states, self.real)
+            kind = vector_type(states)
             size = size // states
         # A subroutine takes a table of pointers.
         self.lines += [f'  %ptrs{i} = alloca [{len(callee.inputs) + 1} x ptr]',
@@ -844,8 +837,8 @@ class Function:
             return where
         where = f'%arg{i}.{k}'
         self._stored[key] = where
-        row = vector_type(states, self.real)
-        align = states * self.real.bits // 8
+        row = vector_type(states)
+        align = states * 8
         count = len(entries) // states
         self.lines.append(f'  {where} = alloca [{count} x {row}], align {align}')
         # A row is stored at once, because a load of a row would wait for several stores.
@@ -1080,7 +1073,7 @@ class Function:
                 chunk = arguments[start:start + self.abreast]
                 # States side by side keep the processor busy, a single state does not.
                 vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width,
-                                self.real, few_operations=self.lanes > 1,
+                                few_operations=self.lanes > 1,
                                 permutes=self.permutes)
                 packed = self._packed(vector, chunk)
                 if label == 'sc':
@@ -1104,7 +1097,7 @@ class Function:
                 if self.lanes > 1:
                     x = vector.new(f'extractelement {self.type} {x}, i32 {lane}')
                 packed = vector.new(f'insertelement {vector.type} {packed}, '
-                                    f'{self.real.name} {x}, i32 '
+                                    f'double {x}, i32 '
                                     f'{place * self.lanes + lane}')
         return packed
 
@@ -1145,16 +1138,16 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
     # Declarations of the intrinsics of elementary functions, as vectors and scalars.
     lines = list(declarations)
     for width in sorted(widths):
-        v = vector_type(width, main.real)
-        end = intrinsic_end(width, main.real)
+        v = vector_type(width)
+        end = intrinsic_end(width)
         lines += [f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
                   f'declare {v} @llvm.fabs.{end}({v})',
                   f'declare {v} @llvm.copysign.{end}({v}, {v})',
                   f'declare {v} @llvm.sqrt.{end}({v})',
                   f'declare {v} @llvm.floor.{end}({v})']
     if 1 not in widths:
-        x = main.real.name
-        scalar = intrinsic_end(1, main.real)
+        x = 'double'
+        scalar = intrinsic_end(1)
         lines += [f'declare {x} @llvm.sqrt.{scalar}({x})',
                   f'declare {x} @llvm.floor.{scalar}({x})']
     lines += ['declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)', *main.lines]

@@ -11,7 +11,7 @@ argument or a result is not finite: those of a sum that is +0 or NaN.
 from functools import cache
 import math
 
-from kane_dynamics.native.backends.llvm_math import (DECLARED_PERMUTE, DOUBLE,
+from kane_dynamics.native.backends.llvm_math import (DECLARED_PERMUTE, literal,
                                                      overflow_scale, size_limit, transpose,
                                                      Vector, vector_type)
 from kane_dynamics.native.backends.llvm_scalar import (ELEMENTARY, Function, module_text,
@@ -354,7 +354,7 @@ def _check(label: str, size: int, scale: float, row: str, flags: str, source: st
            after: str) -> str:
     """Return the blocks that flag a row with numbers that are not finite or too large."""
     text = CHECK
-    for key, value in (('SCALE', DOUBLE.literal(scale)), ('SIZE', str(size)), ('ROW', row),
+    for key, value in (('SCALE', literal(scale)), ('SIZE', str(size)), ('ROW', row),
                        ('FLAGS', flags), ('FROM', source), ('AFTER', after)):
         text = text.replace(key, value)
     return text.replace('.K', f'.{label}')
