@@ -101,75 +101,9 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'with_beam', 'with_drives',
            'with_locked', 'with_model', 'with_names', 'with_rigid_joints', 'with_tool']
 
-_NAMES_BY_MODULE = {
-    'analysis.linearization': 'equilibrium Linearization linearized',
-    'analysis.power_balance': 'power_balance',
-    'analysis.vibration': 'natural_vibration',
-    'control.collision_detection': 'CollisionDetector frame_wrench',
-    'control.computed_torque': 'ComputedTorque',
-    'control.controller': 'Controller Mode',
-    'control.elastic_control': 'MotorSideControl',
-    'control.elastic_feedforward': 'ElasticFeedforward',
-    'control.exported_controller': 'controller_kernels',
-    'control.friction_error': 'FrictionError',
-    'control.joint_torque_feedback': 'JointTorqueFeedback',
-    'control.link_side_control': 'LinkSideControl',
-    'control.momentum_observer': 'MomentumObserver',
-    'control.motor_tracking': 'MotorTracking',
-    'control.quasi_static': 'QuasiStatic',
-    'control.terms': 'Terms',
-    'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
-    'errors':
-        'CompileError ConstraintError InputError KaneError ModelError ModelWarning '
-        'SweepError UrdfError',
-    'kinematics':
-        'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
-        'rotation_exp rotation_log rotation_quaternion rotation_rpy',
-    'kinematics.cartesian_motion': 'cartesian_motion CartesianMotion',
-    'kinematics.link_distances': 'LinkDistances',
-    'kinematics.pose_motion': 'PoseLimits PoseMotion',
-    'kinematics.pose_path': 'PosePath',
-    'loop_tracking.loop_error': 'LoopError',
-    'loop_tracking.loop_tracker': 'LoopTracker',
-    'mechanics.constraints':
-        'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
-    'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',
-    'mechanics.constraints.yaml_file': 'load_constraints',
-    'mjcf': 'load_mjcf',
-    'model.builder': 'ModelBuilder',
-    'model.editing': 'with_locked with_model with_names with_tool',
-    'model.drive': 'Drive StiffnessCurve',
-    'model.elastic_model': 'with_drives with_rigid_joints',
-    'model.flexible_link': 'FlexibleLink',
-    'model.flexible_model': 'stiffened with_beam',
-    'model.link_shapes': 'LinkShape',
-    'model.mode_shapes': 'Bending Torsion',
-    'model.model': 'Body Frame Inertial Joint Limits Model',
-    'model.primitive_inertias': 'ball box disc point_mass rod',
-    'motion.motion': 'Motion',
-    'motion.smooth_motion': 'SmoothMotion',
-    'robot.robot': 'Robot',
-    'robot.torque_bounds': 'TorqueBounds Uncertainty',
-    'simulation.contact': 'Contact CylinderSurface PlaneSurface SphereSurface',
-    'simulation.simulate': 'simulate',
-    'simulation.step_size': 'longest_step',
-    'simulation.trajectory': 'ContactMode Trajectory',
-    'task_space.arm_coupling': 'ArmCoupling PartnerState',
-    'task_space.cartesian_impedance': 'CartesianImpedance',
-    'task_space.hand_guiding': 'HandGuiding',
-    'task_space.hybrid_force': 'HybridForce',
-    'task_space.joint_impedance': 'JointImpedance',
-    'task_space.operational_space': 'OperationalSpace',
-    'task_space.pose_filter': 'PoseFilter',
-    'task_space.task_space': 'TaskSpace',
-    'task_space.task_speeds': 'in_task_speeds',
-    'urdf': 'expand_xacro load_urdf',
-    'urdf.link_shapes': 'load_collision_shapes',
-}
 _PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility',
              'identification', 'kinematics', 'mechanics', 'model', 'motion', 'optimal_control',
              'plot', 'robot', 'simulation', 'sweep', 'task_space', 'urdf', 'view')
-_MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
 if not TYPE_CHECKING:  # or a type checker would take every name for a public one
@@ -180,8 +114,8 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
         if name == '__version__':
             from kane_dynamics._util.resources import package_version
             return package_version()
-        if name in _MODULES:
-            value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+        if name in __all__:
+            value = getattr(import_module(_module_of(name)), name)
             globals()[name] = value
             return value
         module = f'{__name__}.{name}'
@@ -192,6 +126,16 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
                 if error.name != module:
                     raise
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def _module_of(name: str) -> str:
+    """Return the module from which the lines for type checkers import a public name."""
+    from pathlib import Path
+    import re
+    source = Path(__file__).read_text(encoding='utf-8')
+    imports = re.findall(r'from (kane_dynamics\.\S+) import (\([^)]*\)|.*)', source)
+    modules = [module for module, names in imports if re.search(rf'\b{name}\b', names)]
+    return str(modules[0])
 
 
 def __dir__() -> list[str]:
