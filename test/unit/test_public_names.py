@@ -17,7 +17,8 @@ FORMULATIONS = {'forward_dynamics', 'frame_motion', 'frame_pose',
                 'generalized_inertia_force', 'inverse_dynamics',
                 'inverse_dynamics_derivatives', 'kinetic_energy', 'mass_matrix',
                 'partial_velocities', 'position', 'potential_energy', 'regressor'}
-OPERATIONS = {'evaluate', 'factorize', 'inverse', 'literal', 'main', 'rms', 'skew', 'transpose'}
+OPERATIONS = {'evaluate', 'factorize', 'inverse', 'literal', 'main', 'rms', 'skew',
+              'transpose'}
 SETTINGS = {'per_joint', 'stated_efforts'}  # of arguments, options and parameters
 LAWS = {'law_kernel', 'wall_slopes'}
 
