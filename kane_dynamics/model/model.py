@@ -536,7 +536,10 @@ class Model:
             if frame.name == name:
                 return frame
         valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
-        raise InputError(f"no frame '{name}'; expected one of {valid}")
+        # A joint in place of a frame is a frequent mistake.
+        moved = [body.name for body in self.bodies if body.joint.name == name]
+        hint = f"'{moved[0]}', which this joint moves, or " if moved else ''
+        raise InputError(f"no frame '{name}'; expected {hint}one of {valid}")
 
     def prefixed(self, prefix: str) -> Model:
         """Return the model with a prefix of all names of joints, bodies and frames."""

@@ -138,6 +138,8 @@ REFUSED = [
      "names like 'q.joint1', found ['t', 'q.shoulder'"),
     ('torque arm.urdf --motion torques.csv',
      'expected both for a motion, found tau.joint1, tau.joint2'),
+    ('identify arm.urdf r.csv --payload joint2',
+     "no frame 'joint2'; expected 'link2', which this joint moves, or one of"),
     # Names of results.
     ('simulate arm.urdf --plot x.txt', "'x.txt'; expected"),
     ('simulate arm.urdf --plot x.png --plot-of tracking', 'tracking without --motion'),
