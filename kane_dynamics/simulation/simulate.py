@@ -139,7 +139,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Rigid contacts of points of the robot with surfaces, with friction and
         restitution (`Trajectory.contact_forces`, `contact_modes`, `contact_events`). The
         times at which they change are found to the order of the integrator; each takes
-        about a millisecond. Joint stops and joints that stick are then found in the same
+        some milliseconds. Joint stops and joints that stick are then found in the same
         way, within the steps.
 
     Returns
