@@ -8,6 +8,7 @@ nothing.
 from collections import defaultdict, deque
 from contextlib import ExitStack
 from dataclasses import replace
+from inspect import signature
 import os
 import re
 import subprocess
@@ -120,6 +121,12 @@ class Process:
 
     def create_subscription(self, kind, topic, callback, qos, **options):
         topic = topic.replace('~', self.name)
+        if len(signature(callback).parameters) == 2:  # like rclpy, with the information
+            on_message = callback
+
+            def callback(data):
+                received = round(self.machine.now * NANO)
+                on_message(data, {'received_timestamp': received})
         self.machine.subscribers[topic].append((self, callback))
         return (topic, callback)
 
