@@ -11,7 +11,7 @@ ROOTS = ((b'<robot', 'a URDF'), (b'<mujoco', 'an MJCF file'), (b'<sdf', 'an SDF 
 
 
 def seems(data: bytes) -> str:
-    """Return what the content of a file seems to be; of a table also its columns."""
+    """Return the kind of file that a content has, in words, with the columns of a table."""
     start = data[:LONGEST].lstrip(b'\xef\xbb\xbf \t\r\n')
     for mark, kind in MARKS:
         if start.startswith(mark):

@@ -321,7 +321,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
     u_I = moving_u[free]
     for place, expression in zip(dependent, paper.short(parts.A @ u_I + parts.B)):
         paper.letters[u_symbols[place]] = expression
-    joint_rates = nonholonomic.joint_rates(parts, moving_u)
+    joint_rates = nonholonomic.constrained_rates(parts, moving_u)
     qdot = coordinate_rates(model, q, joint_rates)
 
     # Step 2: velocities and partial velocities of bodies with mass, and of points.

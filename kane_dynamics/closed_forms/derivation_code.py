@@ -16,7 +16,7 @@ LANGUAGES = ('python', 'c')
 Assignments = list[tuple[Any, Any]]
 
 
-class Program:
+class StraightLineCode:
     """
     Assignments, each symbol after those that it needs, and results by name.
 
@@ -92,7 +92,7 @@ def as_code(form: Derivation, language: str) -> str:
     if language not in LANGUAGES:
         raise InputError(f'language: {language!r}; expected one of '
                          f'{", ".join(LANGUAGES)}')
-    program = Program(form.letters, equations_of_motion(form))
+    program = StraightLineCode(form.letters, equations_of_motion(form))
     # Arguments: symbols in the order of their entries.
     arguments = {'q': form.q, 'u': [form.u[r] for r in form.free]}
     if form.torques:
@@ -107,7 +107,7 @@ def as_code(form: Derivation, language: str) -> str:
 
 
 def _python(name: str, form: Derivation, arguments: Mapping[str, Any],
-            program: Program) -> str:
+            program: StraightLineCode) -> str:
     """Return a function of Python."""
     printer = PythonCodePrinter({'fully_qualified_modules': False})
     lines = []
@@ -141,7 +141,7 @@ class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
 
 
 def _c(name: str, form: Derivation, arguments: Mapping[str, Any],
-       program: Program) -> str:
+       program: StraightLineCode) -> str:
     """Return a function of C99; matrices by rows."""
     printer = _C()
     lines = []

@@ -11,7 +11,7 @@ import re
 from typing import Any, NamedTuple
 
 from kane_dynamics.closed_forms.derivation import Derivation
-from kane_dynamics.closed_forms.derivation_code import equations_of_motion, Program
+from kane_dynamics.closed_forms.derivation_code import equations_of_motion, StraightLineCode
 from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 
@@ -211,11 +211,11 @@ def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
     """Return operations of M and bias: as derived, in closed form, and of kernels."""
     counts = {'mass_matrix and bias_force, as derived': form.operations_before}
     for name, matrix in (('mass_matrix', form.M), ('bias_force', form.bias)):
-        program = Program(form.letters, {name: matrix})
+        program = StraightLineCode(form.letters, {name: matrix})
         counts[f'{name}, closed form'] = program.operations()
         if compiled is not None:
             counts[f'{name}, compiled'] = compiled[name]
-    counts['all, closed form'] = Program(form.letters,
+    counts['all, closed form'] = StraightLineCode(form.letters,
                                          equations_of_motion(form)).operations()
     return counts
 

@@ -86,7 +86,7 @@ def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, s
 
 def test_a_second_guard_holds_the_arm_after_node_and_first_guard_have_died(
         client, start):
-    """Nobody commanded, and the diagnostics were fine."""
+    """No process commanded, and the diagnostics were fine."""
     node = client.process = start(guard__enabled=True, state_timeout=2.0)
     first = guards(start)
     first.wait_for(WATCHING)
@@ -109,5 +109,5 @@ def test_a_second_guard_holds_the_arm_after_node_and_first_guard_have_died(
     third = guards(start)
     client.diagnostics.clear()
     assert publish_states(client, lambda: any(
-        level == b'\x02' and 'nobody holds the arm' in message
+        level == b'\x02' and 'no process holds the arm' in message
         for level, message, _ in client.diagnostics)), third.log

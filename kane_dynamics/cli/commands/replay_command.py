@@ -51,7 +51,7 @@ def replay(options: Namespace) -> int:
 
 
 def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str, Any]:
-    """Return what has changed since a reference, and the joints that cannot be judged."""
+    """Return the changes since a reference, and the joints that cannot be judged."""
     # The reference is read by the same options as the recording, and has to be sound.
     stated = Namespace(**{**vars(options), 'recording': options.reference})
     efforts = stated_efforts(options)

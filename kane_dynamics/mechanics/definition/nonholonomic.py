@@ -115,7 +115,7 @@ def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Vector) -> Vector:
     return in_all_speeds(mechanism, u, parts.A @ u + parts.B)
 
 
-def joint_rates(parts: Reduction, speeds: Vector) -> Vector:
+def constrained_rates(parts: Reduction, speeds: Vector) -> Vector:
     """Return q', (n_q,), for all speeds, (n_q,)."""
     rates_of_joints: Vector = parts.W @ speeds + parts.X
     return rates_of_joints
@@ -169,7 +169,7 @@ def joint_motion(mechanism: 'Mechanism', q: Vector, u: Vector, udot: Vector,
                  t: Scalar = 0.0) -> tuple[Vector, Vector]:
     """Return q' and q'', (n_q,)."""
     parts = reduction(mechanism, q, t)
-    qdot = joint_rates(parts, all_speeds(mechanism, parts, u))
+    qdot = constrained_rates(parts, all_speeds(mechanism, parts, u))
     change = drift(mechanism, parts, q, qdot, u, t)
     return qdot, joint_accelerations(mechanism, parts, change, udot)
 

@@ -41,7 +41,7 @@ DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not
 ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until '
            'that one ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
-ALONE = 5.0  # s from the start without a node, after which an arm has nobody that holds it
+ALONE = 5.0  # s from the start without a node, after which no process holds the arm
 REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
 
@@ -322,7 +322,7 @@ class GuardNode(Node):
                 level = DiagnosticStatus.ERROR
             elif self._is_arm_left_alone():
                 level = DiagnosticStatus.ERROR
-                message += '; joint states are published, and nobody holds the arm'
+                message += '; joint states are published, and no process holds the arm'
             return status(name, '', level, message, {})
         # Silent, or watching without torque, or watching.
         watch = guard.path.watch
