@@ -215,8 +215,8 @@ def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
         counts[f'{name}, closed form'] = program.operations()
         if compiled is not None:
             counts[f'{name}, compiled'] = compiled[name]
-    counts['all, closed form'] = StraightLineCode(form.letters,
-                                         equations_of_motion(form)).operations()
+    everything = StraightLineCode(form.letters, equations_of_motion(form))
+    counts['all, closed form'] = everything.operations()
     return counts
 
 
