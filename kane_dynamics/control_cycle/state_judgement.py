@@ -287,11 +287,14 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
         # Speeds from the positions, smoothed, from the first of them on.
         share = gap / (gap + DERIVED_WITHIN)
         rate = moved / either(near, gap, 1.0)
-        rate = memory.derived[j] + share * (rate - memory.derived[j])
-        derived = either(near, rate, either(flag(gap > 0.0), u[j], memory.derived[j]))
+        smooth = memory.derived[j] + share * (rate - memory.derived[j])
+        derived = either(near, smooth, either(flag(gap > 0.0), u[j], memory.derived[j]))
         noise = either(flag(slope[j] > 0.0), SPEED_NOISE * slope[j], UNLIMITED)
         is_alone = enough * settings.compares_speeds * flag(
             noise < _size(u[j] - derived)) * flag(noise < _size(u[j] - memory.trusted[j]))
+        # Derived speeds are late while an arm accelerates; the mean of two is not.
+        mean = 0.5 * (u[j] + u_last[j])
+        is_alone = is_alone * flag(0.5 * noise < _size(rate - mean))
         trusted = either(either(wrong, 1.0, is_alone), derived, u[j])
         rows.append([deviation, path, wrong, derived, trusted])
     deviations, paths, wrong, derived, trusted = np.array(rows).T

@@ -14,6 +14,8 @@ pytest.importorskip('rclpy')
 
 from false_states import FAULT, NANO, PERIOD  # noqa: E402, I100
 from kane_dynamics import Controller, Robot  # noqa: E402
+from kane_dynamics.control_cycle.state_judgement import (  # noqa: E402
+    CheckSettings, judged, StateMemory)
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import native_path  # noqa: E402
@@ -88,6 +90,22 @@ def test_the_speeds_of_real_drivers_are_no_lie(driver, name):
     run = Run(name, 'computed_torque', True, limited=True)
     run.positions(drivers()[driver], first=0, count=LENGTH, length=LENGTH)
     assert run.path.false_speeds == () and not run.statistics.dropped
+
+
+@pytest.mark.parametrize('rate', [50, 100, 125, 500])
+def test_exact_speeds_are_used_as_they_are_however_fast_they_change(rate):
+    fastest = 4.0
+    bounds = np.array([-10.0, 10.0, fastest, fastest, 0.01 + 0.002 * fastest])
+    period = NANO / rate
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0, np.zeros(1),
+                             bounds)
+    memory = StateMemory.empty(1)
+    for k in range(3 * rate):
+        angle = 12.0 * k / rate  # up to 21.6 rad/s^2
+        state = np.array([0.15 * np.sin(angle), 1.8 * np.cos(angle)])
+        _, memory = judged(memory, k * period, state, settings)
+        memory = memory.kept(k * period, state)
+        assert memory.trusted[0] == state[1]
 
 
 @pytest.mark.parametrize(('recording', 'urdf', 'n'), [
