@@ -24,7 +24,8 @@ def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any]
     Raise InputError unless an arm in operation survives new limits.
 
     Each limit is at least a hundredth of that without the parameter. The effort holds the
-    arm where it is; effort and speed do not fall while a motion is followed.
+    arm where it is; effort and speed do not fall while a motion is followed. A limit that
+    does not become smaller is accepted.
 
     Parameters
     ----------
@@ -40,28 +41,29 @@ def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any]
     """
     if not path.running:
         return
+
+    def require(name: str, least: Array, what: str) -> None:
+        before, after = _limit(name, robot, present), _limit(name, robot, values)
+        _require(robot, name, after, np.minimum(before, least), what)
+
     moving = any(motion is not None for motion in path.active_motion.scheduled)
     for name in LIMITS:
         if name not in changed:
             continue
-        before, after = _limit(name, robot, present), _limit(name, robot, values)
         default = _limit(name, robot, {**values, name: np.zeros(0)})
         least = np.where(np.isfinite(default), SMALLEST_SHARE * default, 0.0)
-        _require(robot, name, after, least, 'a hundredth of the limit without it')
+        require(name, least, 'a hundredth of the limit without it')
         if moving and name != 'limits.rate':
-            _require(robot, name, after, np.minimum(before, default),
-                     'no smaller limit while a motion is followed')
+            require(name, default, 'no smaller limit while a motion is followed')
     q = path.measured()
     u = path.measured_speeds()
     if q is None or u is None:
         return
     if 'limits.velocity' in changed and len(u) == len(robot.joint_names):
-        _require(robot, 'limits.velocity', _limit('limits.velocity', robot, values),
-                 np.abs(u), 'the present speed')
+        require('limits.velocity', np.abs(u), 'the present speed')
     if 'limits.effort' in changed and terms(values).gravity:
         holding = np.abs(robot.joint_torques(robot.gravity_force(q), q))
-        _require(robot, 'limits.effort', _limit('limits.effort', robot, values), holding,
-                 'the torque that holds the arm')
+        require('limits.effort', holding, 'the torque that holds the arm')
 
 
 def _limit(name: str, robot: Robot, values: Mapping[str, Any]) -> Array:

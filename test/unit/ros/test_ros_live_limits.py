@@ -24,12 +24,14 @@ SPEED = 0.15
 VALUES = node_values({})
 
 
-def refusal(name, value, *, running=True, moving=False, arm_compensates=('none',)):
+def refusal(name, value, *, running=True, moving=False, arm_compensates=('none',),
+            before=()):
     """Return why an active arm refuses a limit; empty if it takes it."""
     path = SimpleNamespace(
         running=running, measured=lambda: Q, measured_speeds=lambda: np.full(N, SPEED),
         active_motion=SimpleNamespace(scheduled=(object() if moving else None, None)))
-    present = VALUES | {'arm_compensates': arm_compensates}
+    present = VALUES | {'arm_compensates': arm_compensates,
+                        name: read(BY_NAME[name], list(before))}
     try:
         check_live_limits(path, ROBOT, present,
                           present | {name: read(BY_NAME[name], value)}, {name})
@@ -70,3 +72,11 @@ def test_no_limit_falls_while_a_motion_is_followed(name, limit):
     assert not refusal(name, limit)
     assert 'while a motion is followed' in refusal(name, limit, moving=True)
     assert not refusal(name, math.inf, moving=True)
+
+
+def test_a_limit_that_is_too_small_already_may_grow():
+    weak = (0.5 * HOLDING + 1.0).tolist()
+    stronger = (0.6 * HOLDING + 1.0).tolist()
+    assert 'the torque that holds the arm' in refusal('limits.effort', weak)
+    assert not refusal('limits.effort', stronger, before=weak)
+    assert refusal('limits.effort', weak, before=stronger)
