@@ -122,7 +122,7 @@ class TorquePath:
         self._asks = False  # whether another process may command meanwhile
         self._waiting = b''  # the last state, if it waits for torque_guard
         self._observers: list[CycleObserver] = []
-        self._idle: deque[bytes] = deque(maxlen=IDLE)  # states while it does not run
+        self._idle: deque[bytes] = deque(maxlen=4 * IDLE)  # while it does not run
         self._failed: set[CycleObserver] = set()  # since the start
         self._observer_failure = ''  # that is to be raised
         self._loads: GravityAndPayload | None = None
@@ -312,9 +312,12 @@ class TorquePath:
 
         They are None and 0 s where too few states are known.
         """
-        states = list(self._idle)
-        if len(states) < IDLE or self._reader.read(states[-1], False) is not None:
+        # Other publishers, as of a gripper, send states to the topic as well.
+        states = [data for data in self._idle if self._reader.read(data, False) is None]
+        states = states[-IDLE:]
+        if len(states) < IDLE:
             return None, 0.0
+        self._reader.read(states[-1], False)
         stamps = []
         for data in states:
             sec, nanosec = STAMP.unpack_from(data, STAMP_AT)

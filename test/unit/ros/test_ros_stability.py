@@ -12,9 +12,14 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 
 PROGRAM = """
 import sys
@@ -115,6 +120,19 @@ def test_modes_without_feedback_are_stable_at_any_rate():
     controller = Controller(ROBOT)
     for mode in (Mode.GRAVITY_COMPENSATION, Mode.INVERSE_DYNAMICS):
         assert instability(controller, {}, mode, HOME, 10.0) == ''
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+def test_the_rate_before_the_start_is_that_of_the_arm_beside_a_gripper(make):
+    path = make(Controller(ROBOT, mode='computed_torque'), None, None, lambda: 0,
+                node_values({'mode': 'computed_torque'}), Statistics(), lambda *words: None)
+    for k in range(40):
+        for joints, late in ((ROBOT.joint_names, 0), (['finger'], 3_000_000)):
+            message = JointState(name=list(joints), position=[0.01 * k] * len(joints))
+            message.header.stamp.nanosec = 10_000_000 * (k + 1) + late
+            path.on_state(serialize_message(message))
+    q, period = path.idle_states()
+    assert period == pytest.approx(0.01, rel=1e-12) and np.array_equal(q, [0.39] * 7)
 
 
 @pytest.mark.parametrize('torque_path', ['native', 'python'])
