@@ -112,8 +112,12 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
         Time between two states, by which the torques are late, s.
 
     """
-    # In coordinates y = L^T x with M = L L^T the inertia is one.
-    root = np.linalg.cholesky(inertia)
+    # In coordinates y = L^T x with M = L L^T the inertia is one. Without inertia, motion
+    # on a spring or damper grows without limit, however short the period is.
+    try:
+        root = np.linalg.cholesky(inertia)
+    except np.linalg.LinAlgError:
+        return Swing(np.inf, int(np.argmin(np.diag(inertia))))
     inverse = np.linalg.inv(root)
     n = len(inertia)
     identity = np.eye(n)

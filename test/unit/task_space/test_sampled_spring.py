@@ -105,3 +105,14 @@ def test_an_arm_on_a_share_of_its_spring_swings_up_where_the_recurrence_does(arm
             u = u + PERIOD * udot
             speeds.append(np.abs(u).max())
         assert (max(speeds[-50:]) > max(speeds[:50])) == grows
+
+
+def test_a_joint_without_inertia_swings_up_on_any_spring():
+    spring = JointSpring(np.eye(2), np.eye(2), False)
+    motion = swing(np.diag([1.0, 0.0]), spring, PERIOD)
+    assert motion.swings_up and motion.joint == 1
+    assert steady_share(np.diag([1.0, 0.0]), spring, PERIOD) == 0.0
+    # The limit of ever lighter joints.
+    growth = [swing(np.diag([1.0, light]), spring, PERIOD).growth
+              for light in (1e-6, 1e-9, 1e-12)]
+    assert growth == sorted(growth) and growth[-1] > 1e3
