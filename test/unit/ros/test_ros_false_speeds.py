@@ -97,8 +97,8 @@ def test_exact_speeds_are_used_as_they_are_however_fast_they_change(rate):
     fastest = 4.0
     bounds = np.array([-10.0, 10.0, fastest, fastest, 0.01 + 0.002 * fastest])
     period = NANO / rate
-    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0, np.zeros(1),
-                             bounds)
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0,
+                             np.zeros(1), bounds)
     memory = StateMemory.empty(1)
     for k in range(3 * rate):
         angle = 12.0 * k / rate  # up to 21.6 rad/s^2

@@ -124,8 +124,9 @@ def test_modes_without_feedback_are_stable_at_any_rate():
 
 @pytest.mark.parametrize('make', [TorquePath, native_path])
 def test_the_rate_before_the_start_is_that_of_the_arm_beside_a_gripper(make):
-    path = make(Controller(ROBOT, mode='computed_torque'), None, None, lambda: 0,
-                node_values({'mode': 'computed_torque'}), Statistics(), lambda *words: None)
+    values = node_values({'mode': 'computed_torque'})
+    path = make(Controller(ROBOT, mode='computed_torque'), None, None, lambda: 0, values,
+                Statistics(), lambda *words: None)
     for k in range(40):
         for joints, late in ((ROBOT.joint_names, 0), (['finger'], 3_000_000)):
             message = JointState(name=list(joints), position=[0.01 * k] * len(joints))
