@@ -95,6 +95,8 @@ def _note_unused_files(options: Namespace) -> None:
     urdf = options.urdf
     if not isinstance(urdf, str) or urdf.lstrip().startswith('<'):
         return
+    if getattr(options, 'config', None):
+        return  # the configuration of a node names its files itself
     stem = urdf.removesuffix('.urdf')
     for name in ('supplement', 'constraints'):
         path = f'{stem}.{name}.yaml'

@@ -11,6 +11,8 @@ from kane_dynamics import load_urdf, Robot
 from node_process import Process, URDF
 import numpy as np
 import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -27,7 +29,7 @@ def doctor(urdf, *arguments):
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(
             [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     assert done.stderr == '', done.stderr
-    findings = {'problem': '', 'warning': '', 'fine': ''}
+    findings = dict.fromkeys(('problem', 'warning', 'cannot judge', 'fine'), '')
     for finding in json.loads(done.stdout):
         findings[finding['level']] += finding['words'] + '\n'
     return done.returncode, findings
@@ -134,3 +136,39 @@ def test_the_problems_of_a_graph_are_reported(client, urdf):
         assert words in findings['problem'], findings
     code, findings = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')
     assert 'joint states: none within 1 s; expected' in findings['problem']
+
+
+def test_what_a_node_says_of_itself_and_another_order_of_joints_are_problems(
+        client, urdf):
+    """The node refused every state, and doctor found no problem."""
+    node = Process(real_states=True, robot_description=f"'{URDF}'",
+                   activation='at_once', arm_compensates='none')
+    controller = rclpy.create_node('effort_controller', context=client.context)
+    controller.declare_parameter('joints', ['lift', 'turn', 'reach'])
+    controller.create_subscription(Float64MultiArray, '/commands', lambda _: None, 1)
+    executor = SingleThreadedExecutor(context=client.context)
+    executor.add_node(controller)
+    stop = threading.Event()
+    states = client.create_publisher(JointState, 'joint_states', 10)
+
+    def run():
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.01)
+            states.publish(JointState(name=['turn', 'lift', 'reach'],
+                                      position=[0.3, float('nan'), 0.2],
+                                      velocity=[0.0] * 3))
+    thread = threading.Thread(target=run)
+    try:
+        node.wait_for('active, mode')
+        thread.start()
+        code, findings = doctor(urdf, '--live', '2')
+    finally:
+        stop.set()
+        thread.join()
+        client.destroy_publisher(states)
+        controller.destroy_node()
+        node.end()
+    assert code == 1
+    assert "parameter 'joints' of /effort_controller: lift, turn, reach" in findings[
+        'problem'], findings
+    assert '/diagnostics of /kane_dynamics: torques: ' in findings['problem'], findings

@@ -5,17 +5,21 @@ from itertools import chain
 import time
 from typing import NamedTuple
 
-from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from kane_dynamics.analysis.model_checks import (examine_efforts, Finding, Level,
+                                                 listed)
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.identification.efforts import (actuated_joints, Efforts,
                                                   generalized_force)
 from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.command_topic import commanders, several_commanders
+from kane_dynamics.ros.common.command_topic import (commanders, full_name,
+                                                    several_commanders)
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
 from kane_dynamics.ros.common.qos import EXAMINED_STATES
 import numpy as np
+from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -31,6 +35,8 @@ STALE = 0.1  # largest acceptable age of a joint state, s
 # Fast DDS sends missed discovery data with heartbeats, every 3 s: first the endpoints,
 # then, with the next heartbeat, the names of their nodes.
 DISCOVERY = 7.0  # s
+ANSWER = 1.0  # s for the parameters of a controller
+DIAGNOSTICS = 1.5  # s for a report of the nodes
 WEIGHTLESS = 1e-3  # N m or N: below this gravity torque, zero efforts are plausible
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
@@ -103,12 +109,19 @@ class GraphExamination:
         self._commands = commands
         self._joint_states = joint_states
         self._received: list[ReceivedState] = []
+        self._statuses: dict[str, DiagnosticStatus] = {}  # the latest, by name
         node.create_subscription(JointState, joint_states, self._on_state,
                                  EXAMINED_STATES)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics,
+                                 10)
 
     def _on_state(self, message: JointState) -> None:
         now = self._node.get_clock().now().nanoseconds
         self._received.append(ReceivedState(time.monotonic_ns(), now, message))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._statuses[status.name] = status
 
     def run(self, context: Context, seconds: float,
             efforts: Efforts | None) -> list[Finding]:
@@ -129,9 +142,12 @@ class GraphExamination:
         if not self._all_named():
             _spin(executor, DISCOVERY, self._all_named)
             _spin(executor, seconds, lambda: False)
+        order = self._controller_order(executor)
+        # A node reports once a second.
+        _spin(executor, DIAGNOSTICS, lambda: bool(self._statuses))
         executor.remove_node(node)
         foreign |= self._foreign_names()
-        return [*examine_states(self._robot, self._received, seconds, efforts),
+        return [*order, *self._diagnostics(), *examine_states(self._robot, self._received, seconds, efforts),
                 *self._state_publishers(len(foreign)), *self._command_ends(),
                 *self._descriptions()]
 
@@ -209,6 +225,50 @@ class GraphExamination:
             findings.append(Finding('fine', f'{topic}: from {_names(publishers)} to '
                                     f'{_names(subscribers)}'))
         return findings
+
+    def _diagnostics(self) -> list[Finding]:
+        """Return what the nodes that publish the commands say of themselves."""
+        _, publishers, _ = self._topic_ends()
+        names = {full_name(end.node_name, end.node_namespace) for end in publishers}
+        findings = []
+        for status in self._statuses.values():
+            node, _, _ = status.name.partition(':')
+            if node not in names or status.level == DiagnosticStatus.OK:
+                continue
+            level: Level = 'problem'
+            if status.level == DiagnosticStatus.WARN:
+                level = 'warning'
+            findings.append(Finding(level, f'/diagnostics of {status.name}: '
+                                           f'{status.message}'))
+        return findings
+
+    def _controller_order(self, executor: SingleThreadedExecutor) -> list[Finding]:
+        """Return a problem if the controller has other joints, or another order of them."""
+        _, _, subscribers = self._topic_ends()
+        ours = list(self._robot.actuated_names)
+        findings = []
+        for end in subscribers:
+            name = full_name(end.node_name, end.node_namespace)
+            joints = self._joints_of(name, executor)
+            if joints and joints != ours:
+                findings.append(Finding(
+                    'problem', f"parameter 'joints' of {name}: {', '.join(joints)}; "
+                    f'expected {", ".join(ours)}, the order of {self._commands}'))
+        return findings
+
+    def _joints_of(self, name: str, executor: SingleThreadedExecutor) -> list[str]:
+        """Return parameter `joints` of a controller; empty if it has none or is silent."""
+        client = self._node.create_client(GetParameters, f'{name}/get_parameters')
+        try:
+            if not _spin(executor, ANSWER, client.service_is_ready):
+                return []
+            future = client.call_async(GetParameters.Request(names=['joints']))
+            if not _spin(executor, ANSWER, future.done):
+                return []
+            values = future.result().values  # none, if `joints` is not declared
+            return list(values[0].string_array_value) if values else []
+        finally:
+            self._node.destroy_client(client)
 
     def _descriptions(self) -> list[Finding]:
         """Return the findings of the publishers of the URDF."""
