@@ -147,7 +147,8 @@ class GraphExamination:
         _spin(executor, DIAGNOSTICS, lambda: bool(self._statuses))
         executor.remove_node(node)
         foreign |= self._foreign_names()
-        return [*order, *self._diagnostics(), *examine_states(self._robot, self._received, seconds, efforts),
+        return [*examine_states(self._robot, self._received, seconds, efforts),
+                *order, *self._diagnostics(),
                 *self._state_publishers(len(foreign)), *self._command_ends(),
                 *self._descriptions()]
 
@@ -227,7 +228,7 @@ class GraphExamination:
         return findings
 
     def _diagnostics(self) -> list[Finding]:
-        """Return what the nodes that publish the commands say of themselves."""
+        """Return the diagnostics of the nodes that publish the commands."""
         _, publishers, _ = self._topic_ends()
         names = {full_name(end.node_name, end.node_namespace) for end in publishers}
         findings = []
