@@ -4,6 +4,7 @@ import os
 import signal
 import time
 
+from lifecycle_msgs.msg import Transition
 from node_process import URDF, wait_until
 import numpy as np
 from std_msgs.msg import String
@@ -111,3 +112,25 @@ def test_a_second_guard_holds_the_arm_after_node_and_first_guard_have_died(
     assert publish_states(client, lambda: any(
         level == b'\x02' and 'no process holds the arm' in message
         for level, message, _ in client.diagnostics)), third.log
+
+
+def test_a_second_guard_does_not_hold_an_arm_that_was_deactivated_after_the_first_died(
+        client, start):
+    """It has heard the torques of the first guard alone."""
+    client.process = start(guard__enabled=True, state_timeout=2.0)
+    first = guards(start)
+    first.wait_for(WATCHING)
+    client.connect()
+    second = guards(start)
+    second.wait_for(ANOTHER)
+    watched = second.log.count(WATCHING)
+    publish_states(client, lambda: False, 1.0)
+    assert np.any(client.commands[-1])
+    first.end(signal.SIGKILL)
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    assert publish_states(client, lambda: second.log.count(WATCHING) > watched)
+    # Longer than an inherited torque waits for the node.
+    count = len(client.commands)
+    publish_states(client, lambda: False, 6.0)
+    assert "commanding 'hold'" not in second.log, second.log
+    assert not np.any(client.commands[count:])

@@ -184,9 +184,8 @@ class ConfiguredGuard:
         """Hand the topic over to the dynamics node, and answer."""
         if not self._request.read(data):
             return
-        # A node that stops itself needs no guard until it is back.
+        # The zeros of a node that stops itself are noted by `GuardNode`.
         if self._request.numbers[0] == STOPPED:
-            self.path.on_stopped()
             return
         acted = self.path.hand_over()
         self._send(float(self._request.numbers[0]), acted)

@@ -7,7 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.model_checks import listed
-from kane_dynamics.control_cycle.arbitration import FIELDS, LOST
+from kane_dynamics.control_cycle.arbitration import FIELDS, LOST, STOPPED
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
@@ -20,7 +20,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_messages import (arm_digest, HEARTBEAT_PERIOD, LOADS,
                                                     loads_from_numbers, LOADS_LENGTH,
-                                                    NodeLoads, STATE)
+                                                    NodeLoads, REQUEST, STATE)
 from kane_dynamics.ros.guard.node_parameters import (NodeParameters, SHARED,
                                                      SIMULATED_TIME)
 from kane_dynamics.ros.guard.node_torques import NodeTorques
@@ -41,6 +41,7 @@ DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not
 ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until '
            'that one ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
+INHERITED = 3.0  # s from the end of another guard, after which its torque is of long ago
 ALONE = 5.0  # s from the start without a node, after which no process holds the arm
 REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
@@ -88,6 +89,8 @@ class GuardNode(Node):
                                  self._on_loads, LATCHED)
         self.create_subscription(Float64MultiArray, f'{self.target}/{STATE}',
                                  self._on_guard_state, RELIABLE)
+        self.create_subscription(Float64MultiArray, f'{self.target}/{REQUEST}',
+                                 self._on_request, RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -142,6 +145,13 @@ class GuardNode(Node):
             guard = self.guard
             self.guard = None
             guard.abandon()
+
+    def _on_request(self, message: Float64MultiArray) -> None:
+        """Note zeros of the node, also before this guard guards: nothing is inherited."""
+        if message.data and message.data[0] == STOPPED:
+            self._other_torque = None
+            if self.guard is not None:
+                self.guard.path.on_stopped()
 
     def _yields(self, watch: NodeWatch, state: Sequence[float]) -> bool:
         """
@@ -233,6 +243,7 @@ class GuardNode(Node):
     def _build(self, values: Mapping[str, Any]) -> None:
         """Compile the robot and open the topics; `reason` says why not."""
         began = time.perf_counter()
+        ended_for = time.monotonic() - self._other_heard
         log = self.get_logger()
         source: str | Path = values['robot_description'] or (
             resolve_path('urdf', values['urdf']) if values['urdf']
@@ -256,10 +267,10 @@ class GuardNode(Node):
                                      self._report, self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
-        # The guard before this one has ended, and the node perhaps before it.
-        if self._other_torque is not None:
+        # The guard before this one has just ended, and the node perhaps before it.
+        if self._other_torque is not None and ended_for < INHERITED:
             self.guard.inherit(self._other_torque)
-            self._other_torque = None
+        self._other_torque = None
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to '
                  f'{self.guard.verified:.1e}')
