@@ -105,7 +105,8 @@ def locked_joints(source: str | bytes | Path, prefix: str,
     Return the joints of the URDF that the model has locked at 0, by their names.
 
     Each has the largest position, rad or m, at which it may be instead: the weight that
-    it carries then changes the torques by at most `LITTLE` of the weakest motor.
+    it carries then changes the torques by at most `LITTLE` of the weakest motor. Joints that
+    change no torque, as those of wheels, of another arm and of a lift below, are not named.
     """
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
@@ -116,10 +117,17 @@ def locked_joints(source: str | bytes | Path, prefix: str,
     efforts = [body.joint.limits.effort for body in model.bodies]
     weakest = min([*efforts, float(weights.sum() * lengths.sum())])
     allowed = {}
-    for k, body in enumerate(whole.bodies):
-        name = whole.coordinate_names[body.joint.coordinate]
+    names = [whole.coordinate_names[body.joint.coordinate] for body in whole.bodies]
+    moving = [k for k, name in enumerate(names)
+              if f'{prefix}{name}' in model.coordinate_names]
+    for k, (body, name) in enumerate(zip(whole.bodies, names)):
         prefixed = f'{prefix}{name}'
-        if prefixed in model.coordinate_names or body.joint.name != name:
+        if k in moving or body.joint.name != name:
+            continue
+        # What moving joints carry changes their torques, and what turns the arm as a whole.
+        is_carried = any(i in whole.path(k) for i in moving)
+        turns_arm = name not in whole.sliding and any(k in whole.path(i) for i in moving)
+        if not is_carried and not turns_arm:
             continue
         carried = [i for i in range(len(whole.bodies)) if k in whole.path(i)]
         # A slide moves what it carries, a rotation by the length of that.

@@ -102,6 +102,30 @@ def test_locked_joints_may_be_where_they_change_the_torques_little(arm, joints, 
     assert locked_joints(path, '', load_urdf(path)) == {}
 
 
+def test_wheels_another_arm_and_a_lift_below_may_be_anywhere():
+    # A mobile robot with two arms publishes all of its joints in one message.
+    joints = [('wheel', 'base', 'continuous', '0 1 0'),
+              ('lift', 'base', 'prismatic', '0 0 1'),
+              ('tilt', 'lift', 'revolute', '0 1 0')]
+    for side in ('left', 'right'):
+        joints += [(f'{side}_arm', 'tilt', 'revolute', '0 1 0'),
+                   (f'{side}_slide', f'{side}_arm', 'prismatic', '1 0 0')]
+    text = '<robot name="mobile"><link name="base"/>' + ''.join(
+        f'<link name="{name}"><inertial><origin xyz="0.2 0 0"/><mass value="5"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        f'<child link="{name}"/><axis xyz="{axis}"/>'
+        '<limit lower="-9" upper="9" effort="50" velocity="2"/></joint>'
+        for name, parent, kind, axis in joints) + '</robot>'
+    model = load_urdf(text, joints=['left_arm'])
+    allowed = locked_joints(text, '', model)
+    assert set(allowed) == {'tilt', 'left_slide'}
+    others = {'wheel': 4.0, 'lift': 0.3, 'right_arm': 1.2, 'right_slide': 0.3}
+    moved = Robot(load_urdf(text, joints=['left_arm'], locked=others))
+    gravity = Robot(model).gravity_force([0.3])
+    np.testing.assert_allclose(moved.gravity_force([0.3]), gravity, rtol=1e-12)
+
+
 def test_a_missing_velocity_is_zero_if_it_is_not_needed():
     reader = JointStateReader(JOINTS)
     reader.u[:] = 5.0
