@@ -70,7 +70,7 @@ def spring_of_walls(robot: Robot, q: Array, stiffness: Array, damping: Array
         Of the walls at the joints, as of `JointWalls.slopes`.
 
     """
-    if not stiffness.any():
+    if not stiffness.any() and not damping.any():
         return None
     T = np.stack([robot.joint_rates(q, speeds) for speeds in np.eye(robot.n)], axis=1)
     return JointSpring(T.T @ (stiffness[:, None] * T), T.T @ (damping[:, None] * T), False)

@@ -89,7 +89,8 @@ from std_msgs.msg import Float64MultiArray
 
 PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 # Parameters by which feedback may become unstable
-FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'coupling.', 'walls.')
+FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'coupling.', 'walls.',
+            'hand_guiding.')
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
 STAMPED = 4  # place of the publisher of stamped commands in the arguments of a path
 REPORT_PERIOD = 0.005  # s, between two looks at the reports of the native torque path

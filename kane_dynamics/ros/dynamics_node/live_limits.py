@@ -1,4 +1,4 @@
-"""Limits that an active arm survives when they are set: it needs torque and speed."""
+"""Limits that an active arm survives when they are set: torque, speed, time, weight."""
 
 from collections.abc import Collection, Mapping
 import math
@@ -16,6 +16,8 @@ import numpy as np
 LIMITS = ('limits.effort', 'limits.velocity', 'limits.rate')
 # Of the limit without the parameter: with less, an arm can neither stop nor be observed.
 SMALLEST_SHARE = 0.01
+FEWEST_PERIODS = 2.0  # of the states, in state_timeout
+LARGEST_TILT = 5.0  # m/s^2, by which one request changes the gravity
 
 
 def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any],
@@ -25,7 +27,8 @@ def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any]
 
     Each limit is at least a hundredth of that without the parameter. The effort holds the
     arm where it is; effort and speed do not fall while a motion is followed. A limit that
-    does not become smaller is accepted.
+    does not become smaller is accepted. States do not time out between two of them, and
+    the gravity of the model does not jump.
 
     Parameters
     ----------
@@ -41,6 +44,16 @@ def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any]
     """
     if not path.running:
         return
+
+    timeout = values['state_timeout']
+    needed = min(FEWEST_PERIODS * path.period, present['state_timeout'])
+    if 'state_timeout' in changed and timeout < needed:
+        raise InputError(f"parameter 'state_timeout': {timeout:.4g} s of an active arm; "
+                         f'expected at least {needed:.4g} s, two periods of its states')
+    tilt = float(np.linalg.norm(values['gravity'] - present['gravity']))
+    if tilt > LARGEST_TILT:
+        raise InputError(f"parameter 'gravity': changed by {tilt:.4g} m/s^2 on an active "
+                         f'arm; expected at most {LARGEST_TILT:g} m/s^2 in one request')
 
     def require(name: str, least: Array, what: str) -> None:
         before, after = _limit(name, robot, present), _limit(name, robot, values)

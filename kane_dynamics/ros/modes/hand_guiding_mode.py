@@ -115,6 +115,11 @@ class HandGuidingMode(NativeLaw):
             saturated.append('wall')
         return TaskDescription(saturated=tuple(saturated))
 
+    def joint_spring(self, q: Array) -> JointSpring | None:
+        """Return the damper of the joints at a position, (n_q,); None without."""
+        damping = self._settings['damping']
+        return spring_of_walls(self._robot, q, np.zeros_like(damping), damping)
+
     def wall_spring(self, q: Array) -> JointSpring | None:
         """Return the walls that act at a position, (n_q,); None without walls."""
         return spring_of_walls(self._robot, q, *wall_slopes(self.law, q))

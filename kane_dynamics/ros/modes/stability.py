@@ -99,7 +99,8 @@ def _feedbacks(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode,
     names = tuple(robot.speed_names)
     feedbacks = []
     if springs is not None:
-        feedbacks.append(Feedback(springs, None, inertia, names, 'stiffness'))
+        gain = 'stiffness' if springs.stiffness.any() else 'damping'
+        feedbacks.append(Feedback(springs, None, inertia, names, gain))
     if walls is not None:
         feedbacks.append(Feedback(walls, springs, inertia, names,
                                   'stiffness of its wall'))

@@ -102,7 +102,14 @@ def cartesian_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
         'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
         'compensate': terms(values)}
     if values['cartesian.posture'].size:
-        settings['posture'] = per_joint(values, 'cartesian.posture', joints, 0.0)
+        posture = per_joint(values, 'cartesian.posture', joints, 0.0)
+        limits = robot.limits
+        for joint, value, low, high in zip(joints, posture, limits.lower, limits.upper):
+            if not low <= value <= high:
+                raise InputError(f"parameter 'cartesian.posture': {value:.4g} for joint "
+                                 f"'{joint}'; expected {low:.4g} to {high:.4g}, its "
+                                 'position limits')
+        settings['posture'] = posture
     return settings | wall_settings(values, robot)
 
 

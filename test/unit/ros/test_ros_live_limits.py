@@ -25,13 +25,15 @@ VALUES = node_values({})
 
 
 def refusal(name, value, *, running=True, moving=False, arm_compensates=('none',),
-            before=()):
+            before=None):
     """Return why an active arm refuses a limit; empty if it takes it."""
     path = SimpleNamespace(
-        running=running, measured=lambda: Q, measured_speeds=lambda: np.full(N, SPEED),
+        running=running, period=0.002, measured=lambda: Q,
+        measured_speeds=lambda: np.full(N, SPEED),
         active_motion=SimpleNamespace(scheduled=(object() if moving else None, None)))
+    default = BY_NAME[name].default
     present = VALUES | {'arm_compensates': arm_compensates,
-                        name: read(BY_NAME[name], list(before))}
+                        name: read(BY_NAME[name], default if before is None else before)}
     try:
         check_live_limits(path, ROBOT, present,
                           present | {name: read(BY_NAME[name], value)}, {name})
@@ -80,3 +82,12 @@ def test_a_limit_that_is_too_small_already_may_grow():
     assert 'the torque that holds the arm' in refusal('limits.effort', weak)
     assert not refusal('limits.effort', stronger, before=weak)
     assert refusal('limits.effort', weak, before=stronger)
+
+
+@pytest.mark.parametrize(('name', 'bad', 'good', 'words'), [
+    ('state_timeout', 0.0039, 0.0041, 'two periods of its states'),
+    ('gravity', [0.0, 0.0, -4.8], [0.0, 0.0, -4.82], 'in one request')])
+def test_neither_time_nor_weight_of_an_active_arm_jumps(name, bad, good, words):
+    assert words in refusal(name, bad)
+    assert not refusal(name, good)
+    assert not refusal(name, bad, running=False)
