@@ -31,6 +31,8 @@ SPEED_WINDOW = 0.2
 # Share of the speed limit times state_check.speed_factor: by more, one speed alone differs
 # neither from the positions nor from the speed before.
 SPEED_NOISE = 0.05
+# Between two states, rad or m, of a joint without a speed limit: more is no measurement.
+FARTHEST = 1e9
 COMPARISONS = 3.0  # of speeds in that time, so that one state alone never contradicts
 DERIVED_WITHIN = 0.01  # time constant of speeds that are derived from positions, s
 LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong
@@ -279,7 +281,9 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
         most = 0.5 * step[j]
         away = clipped(moved - predicted, -most, most)
         # A jump is another fault, or it was accepted as the second of two states.
-        near = counts * between(-step[j] - slope[j] * gap, moved, step[j] + slope[j] * gap)
+        reach = step[j] + slope[j] * gap
+        reach = select(reach < FARTHEST, reach, FARTHEST)
+        near = counts * between(-reach, moved, reach)
         deviation = left * (memory.deviation[j] + either(near, away, 0.0))
         path = left * (memory.path[j] + either(near, clipped(farther, 0.0, most), 0.0))
         wrong = flag(step[j] + LATE_SHARE * path < _size(deviation))

@@ -242,7 +242,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         for finding in diagnose(model, recording):
             if finding.level != 'remark':
                 warnings.warn(f'the recording does not fit the model: {finding.words}',
-                              ModelWarning, stacklevel=3)
+                              ModelWarning, stacklevel=2)
     # The first half is fitted, on blocks that take turns in being left out; the second
     # half only validates.
     whole = law_rows(rows(model, recording, standstill))

@@ -141,7 +141,7 @@ def _warn_of_millimeters(robot: Robot, frame: str, goal: Array, q: Array) -> Non
     if distance > FAR_BEYOND * reach:
         warnings.warn(f'target: {distance:.4g} m from the nearest position of the frame '
                       'that was found; expected a target in m: are these mm?',
-                      ModelWarning, stacklevel=4)
+                      ModelWarning, stacklevel=3)
 
 
 def _checked_target(target: ArrayLike) -> Array:

@@ -180,7 +180,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     states = np.atleast_2d(states)
     count = whole_steps('duration', positive_time(duration, 'duration'), step)
     every = steps_per_sample(count, step, sample, len(states), single)
-    warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
+    warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=3)
 
     # What watches the states, in this order. Jumps of user-defined functions are looked
     # for before the first evaluation of the dynamics, which may not be finite.
@@ -198,7 +198,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     integrator, step_text = stable_integrator(smooth, states[:1, :robot.n_q], step,
                                               integrator, start)
     if step_text is not None:
-        warnings.warn(step_text, ModelWarning, stacklevel=3)
+        warnings.warn(step_text, ModelWarning, stacklevel=2)
     # Without friction and stops there are no joints that stick.
     rows = _row_steps(robot, step, start, states, stops, sticking, contacts, _stepper)
     friction: Any = rows
@@ -223,7 +223,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     for observer in reversed(observers):
         text = observer.warning()
         if text is not None:
-            warnings.warn(text, ModelWarning, stacklevel=3)
+            warnings.warn(text, ModelWarning, stacklevel=2)
             texts.append(text)
 
     # The quantities of the result, at the sampled states.

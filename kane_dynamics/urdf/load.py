@@ -112,5 +112,5 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
             model_cache.store_model(name, model, messages)
     for message in messages:
         category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
-        warnings.warn(message, category, stacklevel=3)
+        warnings.warn(message, category, stacklevel=2)
     return model

@@ -44,7 +44,7 @@ RESULTS = frozenset((
     'identification.RecordingFault', 'identification.TorqueDelays',
     'identification.DriveIdentification', 'optimal_control.OptimizedMotion',
     'sweep.Summary', 'PosePath', 'Uncertainty', 'Model', 'identification.WatchReport',
-    'Motion', 'SmoothMotion'))
+    'Motion', 'SmoothMotion', 'Linearization'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'view.Window', 'sweep.run_sweep', 'sweep.read_table',
@@ -222,6 +222,8 @@ def stated():
     model = arm().model
     data = recording()
     return {
+        'SphereSurface': {'center': (0, 0, -1)},
+        'CylinderSurface': {'point': (0, 0, -1)},
         'rod': {'start': (0, 0, 0), 'end': (0.3, 0.1, 0)},
         'box': {'at': (0.1, 0.2, 0.3)},
         'frame_wrench': {'jacobian': robot.jacobian('tip', Q)},

@@ -97,6 +97,7 @@ class Process:
             choices = {'activation': 'at_once', 'limits__rate': '.inf',
                        'blend_time': '0.0', 'torque_path': TORQUE_PATH}
             if '--params-file' in arguments:  # what comes last is used
+                del choices['activation']
                 arguments = (*arguments, '-p', 'activation:=at_once')
             else:
                 choices['arm_compensates'] = 'none'

@@ -262,7 +262,7 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                       'times the noise; expected at most twice: the equations lack '
                       'something (masses, more segments of the stiffness, a dead zone, '
                       'friction with memory)',
-                      ModelWarning, stacklevel=3)
+                      ModelWarning, stacklevel=2)
     return result
 
 

@@ -64,7 +64,7 @@ class Clearance:
     def __init__(self, model: Model, shapes: Sequence[LinkShape], floor: float | None,
                  distance: float | None) -> None:
         """Select the shapes that may reach the floor, and the pairs of shapes that may collide."""
-        warn_of_unknown_links(model, shapes, stacklevel=5)
+        warn_of_unknown_links(model, shapes, stacklevel=4)
         self.robot = Robot(model)
         self.floor = floor
         limits = self.robot.limits

@@ -212,7 +212,7 @@ def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | 
     if distance is not None:
         warnings.warn('shapes: None, so links are not kept apart; expected '
                       "shapes=load_collision_shapes('arm.urdf'), or distance=None",
-                      ModelWarning, stacklevel=4)
+                      ModelWarning, stacklevel=3)
     return None
 
 

@@ -167,7 +167,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         warnings.warn('shapes: None, so links are not kept apart, nor their surfaces '
                       'above a floor; expected '
                       "shapes=load_collision_shapes('arm.urdf'), or "
-                      'distance=None', ModelWarning, stacklevel=3)  # beyond the decorator
+                      'distance=None', ModelWarning, stacklevel=2)
     clearance = None
     if shapes is not None:
         clearance = Clearance(model, shapes, floor, distance)

@@ -4,7 +4,7 @@ import warnings
 
 from kane_dynamics import Inertial, InputError, ModelBuilder, Robot
 from kane_dynamics.closed_forms import derivation, polynomials
-from kane_dynamics.closed_forms.derivation_code import as_code, Program
+from kane_dynamics.closed_forms.derivation_code import as_code, StraightLineCode
 from kane_dynamics.closed_forms.derivation_text import as_csv, as_data, as_text
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import exact, Symbolic, symbols, unwrapped
@@ -79,7 +79,7 @@ def test_tables_hold_the_velocities_and_accelerations_in_the_chosen_axes(name, a
     for kind in ('velocities', 'accelerations', 'partials'):
         for label, matrix in getattr(form, kind).items():
             results[f'{kind} {label}'] = matrix
-    program = Program(form.letters, results)
+    program = StraightLineCode(form.letters, results)
     q, u, t = paper_mechanisms.state(robot)
     udot = np.linspace(1.0, 2.0, robot.n)
     values = dict(zip(form.q, q)) | {p.symbol: p.value for p in form.parameters}
@@ -234,8 +234,8 @@ def test_operations_are_counted_after_sharing():
     b.body('link', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
     # M 0.5; bias -9.81 cos(q1)
     form = derivation(Robot(b.model()), numbers=True)
-    mass_matrix = Program(form.letters, {'M': form.M}).operations()
-    bias = Program(form.letters, {'bias': form.bias}).operations()
+    mass_matrix = StraightLineCode(form.letters, {'M': form.M}).operations()
+    bias = StraightLineCode(form.letters, {'bias': form.bias}).operations()
     assert mass_matrix.multiplications == mass_matrix.additions == 0
     assert (bias.multiplications, bias.functions) == (1, 1)
 

@@ -165,14 +165,14 @@ def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
                  '--step', '0.0005']) == 0
     printed = capsys.readouterr().err
-    assert ("--integrator implicit is used: a step of 0.0005 s is too long for 'joint2'"
+    assert ("integrator 'implicit' is used: a step of 0.0005 s is too long for 'joint2'"
             in printed)
     supplement.write_text('joints: {joint2: {damping: 400.0}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
-                 '--step', '0.01', '--u', '1', '1', '--integrator', 'rk4']) == 2
+                 '--step', '0.01', '--u0', '1', '1', '--integrator', 'rk4']) == 2
     text = capsys.readouterr().err
     assert text.index('0.01 s is too long for') < text.index('the state diverged')
-    assert '--integrator implicit if' in text  # the advice is whole
+    assert "integrator='implicit' if" in text  # the advice is whole
     with pytest.warns(ModelWarning, match="0.0005 s is too long for 'joint2'"):
         run_sweep(Sweep(load_urdf(urdf, supplement=supplement), samples=2, duration=0.01,
                         step=0.0005), tmp_path / 'table', workers=1)
