@@ -30,7 +30,7 @@ ROUNDS, SWEEPS, STEPS = 20, 30, 30  # of sweeps, then Newton's method
 LENGTHS = 1.0, 0.5, 0.2, 0.05, 0.01  # of a step of Newton's method
 SETTLED = 1e-14  # residual of the projections, relative to the largest force
 # Of b, relative to its largest entry, in directions that no force changes: rounding of the
-# distances of rows that touch, times restitution, which nobody knows as well.
+# distances of rows that touch, times restitution, which is not known better.
 CONTRADICTION = 1e-6
 
 
