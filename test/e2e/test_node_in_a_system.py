@@ -82,7 +82,7 @@ def test_qos_of_states_and_commands_may_be_changed(client, start, tmp_path):
               /joint_states: {subscription: {reliability: reliable, depth: 2}}
               /commands: {publisher: {reliability: best_effort}}
         """)
-    node = start('--params-file', str(parameters), torque_path='native')
+    node = start('--params-file', str(parameters), torque_path='auto')
     node.wait_for('active, mode', 120.0)
     assert 'torque path: python (qos_overrides)' in node.log
     assert 'unknown' not in node.log
