@@ -51,7 +51,13 @@ def simulated(client, urdf, frequencies, **parameters):
         assert wait_until(lambda: len(client.torques) > 100, 60.0), client.process.log
         message = JointTrajectory(joint_names=list(JOINTS))
         times = np.arange(0.0, 60.0, 0.05)
-        for moment, *state in zip(times, *motion(times, frequencies), strict=True):
+        q, u, udot = motion(times, frequencies)
+        # A motion ends at rest, here within a second.
+        times = np.append(times, times[-1] + 1.0)
+        q = np.vstack([q, q[-1] + 0.5 * u[-1]])
+        u = np.vstack([u, np.zeros(len(JOINTS))])
+        udot = np.vstack([udot, np.zeros(len(JOINTS))])
+        for moment, *state in zip(times, q, u, udot, strict=True):
             fields = zip(('positions', 'velocities', 'accelerations'), state,
                          strict=True)
             point = JointTrajectoryPoint(**{name: x.tolist() for name, x in fields})
