@@ -56,10 +56,11 @@ def test_a_lost_plant_gives_zeros_and_a_restart_with_another_joint_order_is_acce
 def test_after_a_failed_callback_the_arm_is_free_or_held_as_state_check_says(
         client, start, holding, action, torque_path, monkeypatch):
     helpers = Path(__file__).parents[1] / 'helpers'
-    monkeypatch.setenv('PYTHONPATH', str(helpers))
+    # In a colcon workspace the package itself is found by this variable.
+    monkeypatch.setenv('PYTHONPATH', str(helpers), prepend=os.pathsep)
     node = start(module='blocked_node', activation='at_once', arm_compensates='none',
                  limits__rate='.inf', torque_path=torque_path,
-                 state_check__action=action, **UNCHECKED)
+                 state_check__action=action, state_timeout=5.0, **UNCHECKED)
     client.connect()
     assert close(client.ask(Q, np.zeros(3)), holding)
     failures = client.create_publisher(Empty, f'{NAME}/fail', 1)
