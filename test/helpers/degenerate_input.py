@@ -86,7 +86,8 @@ LEFT_OUT = frozenset((
 # returns NaN for what a recording does not determine.
 UNCHECKED = frozenset(('identification.identify', 'identification.identify_drives',
                        'Bending', 'Body', 'FlexibleLink', 'Frame', 'Joint', 'Limits',
-                       'LinkShape', 'Torsion', 'optimal_control.CostWeights'))
+                       'LinkShape', 'Torsion', 'optimal_control.CostWeights', 'Contact',
+                       'PlaneSurface', 'SphereSurface', 'CylinderSurface'))
 
 
 @cache
