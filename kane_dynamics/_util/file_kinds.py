@@ -10,7 +10,7 @@ MARKS = ((b'\x93NUMPY', 'one NumPy array (.npy)'), (b'PK\x03\x04', 'an npz file'
 ROOTS = ((b'<robot', 'a URDF'), (b'<mujoco', 'an MJCF file'), (b'<sdf', 'an SDF file'))
 
 
-def seems(data: bytes) -> str:
+def kind_of_content(data: bytes) -> str:
     """Return the kind of file that a content has, in words, with the columns of a table."""
     start = data[:LONGEST].lstrip(b'\xef\xbb\xbf \t\r\n')
     for mark, kind in MARKS:

@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from kane_dynamics._util.file_kinds import seems
+from kane_dynamics._util.file_kinds import kind_of_content
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics.errors import KaneError, UrdfError
 import yaml
@@ -58,7 +58,7 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         reason = fault.strerror if isinstance(fault, OSError) else fault
         raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a '
                     'YAML file') from None
-    kind = seems(content)
+    kind = kind_of_content(content)
     if kind not in ('a YAML file', 'text', 'an empty file', 'a binary file'):
         raise error(f"{what} '{source}': seems to be {kind}; expected a YAML mapping")
     # `ros2 topic echo` ends its output with ---, which starts an empty document: ignored.

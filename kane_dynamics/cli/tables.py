@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics._util.checks import increasing
-from kane_dynamics._util.file_kinds import seems
+from kane_dynamics._util.file_kinds import kind_of_content
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.yaml_io import mapping, read_yaml
@@ -364,7 +364,7 @@ def _text(path: str | Path) -> str:
     """Return the text of a file, or raise InputError."""
     try:
         data = Path(path).read_bytes()
-        kind = seems(data)
+        kind = kind_of_content(data)
         if not kind.startswith(('a CSV', 'text', 'an empty')):
             raise InputError(f'{path}: seems to be {kind}; expected a CSV file, or a YAML or '
                              'npz file with this ending')

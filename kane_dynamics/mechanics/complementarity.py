@@ -121,8 +121,8 @@ def with_discs(A: Array, b: Array, lower: Array, upper: Array,
             x[projection.boxed] = np.clip(x, lower, upper)[projection.boxed]
             return x
     raise ConstraintError(f'contacts: the friction of {len(discs)} contacts is not '
-                          'determined; expected less friction, since the law then has no '
-                          "or several motions (Painleve's paradox)")
+                          'determined: the law has no solution or several '
+                          "(Painleve's paradox); expected less friction")
 
 
 def consistent(A: Array, b: Array) -> Array:

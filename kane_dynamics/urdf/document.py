@@ -15,7 +15,7 @@ import re
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from kane_dynamics._util.file_kinds import seems
+from kane_dynamics._util.file_kinds import kind_of_content
 from kane_dynamics.errors import InputError, UrdfError
 from kane_dynamics.urdf.xacro_file import expand_xacro, SUFFIX
 
@@ -79,7 +79,7 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     try:
         path = f'source: {_short_path(os.fspath(source))}'
         data = Path(source).read_bytes()
-        kind = seems(data)
+        kind = kind_of_content(data)
         if kind not in MAY_BE_XML:
             raise UrdfError(f'{path}: seems to be {kind}; expected a URDF')
         text = _decode(data, path)

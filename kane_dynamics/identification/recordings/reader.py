@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from kane_dynamics._util.checks import increasing
-from kane_dynamics._util.file_kinds import LONGEST, seems
+from kane_dynamics._util.file_kinds import kind_of_content, LONGEST
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
@@ -194,7 +194,7 @@ def _read(path: Path) -> dict[str, Any]:
 def _csv(path: Path) -> dict[str, Any]:
     """Return the columns of a CSV file by name."""
     with path.open('rb') as binary:
-        kind = seems(binary.read(LONGEST + 1))
+        kind = kind_of_content(binary.read(LONGEST + 1))
     if not kind.startswith(('a CSV', 'text', 'an empty')):
         raise InputError(f'{path}: seems to be {kind}; expected a CSV file, an npz file '
                          'with this ending, or a ROS 2 bag')
