@@ -23,15 +23,14 @@ enum { ANSWERED, UNKNOWN, ELAPSED, HEARD };  /* kinds of reports */
 enum {
   ROW_PLACE = 3,          /* of the motion's row in the tables of `answer` and `aim` */
   WAITING = 2,            /* reason of a state that is kept until torque_guard answers */
-  MESSAGE_AT = 4,         /* bytes of encapsulation before the stamp of a message */
-  CLOCK_LENGTH = 12,      /* bytes of a message of /clock */
+  /* Bytes of the encapsulation before a message's stamp, and of a message of /clock. */
+  MESSAGE_AT = 4, CLOCK_LENGTH = 12,
   LITTLE_ENDIAN_CDR = 1,  /* in the second byte of the encapsulation */
-  RECEIVED_AT = 1,        /* place of the time of reception in the information */
-  SEQUENCE_AT = 2,        /* place of the publisher's number in the information */
-  INFORMATION_SIZE = 32,  /* of the information on a message, numbers; more than it has */
+  /* Places of the time of reception and of the publisher's number in the information on
+   * a message, and a size that is larger than the information, numbers. */
+  RECEIVED_AT = 1, SEQUENCE_AT = 2, INFORMATION_SIZE = 32,
   TAKE_LIMIT = 64,        /* messages in a row before the time is looked at */
-  TIMED_OUT = 2,          /* the code of rcl if a wait ends without a message */
-  NOTHING_TAKEN = 401,    /* the code of rcl if there is no message */
+  TIMED_OUT = 2, NOTHING_TAKEN = 401,  /* codes of rcl without a message: wait, take */
   PAUSE = 1000,           /* us, after a failure to take a message */
   MOST_FAILURES = 1000,   /* of an input in a row, after which the thread ends */
   SECOND = 1000000000
@@ -142,8 +141,7 @@ typedef struct {
   /* Numbers of failures of the middleware to return a message, and of reports. */
   _Atomic int64_t not_taken, head, tail, lost;
   uint8_t *ring;
-  int64_t slots, slot_size;
-  int64_t largest;            /* bytes of a message that fits into a slot */
+  int64_t slots, slot_size, largest;  /* the last: bytes of a message that fits into one */
   int64_t broken;             /* the code of rcl with which the thread is to end */
   int64_t epoch;              /* of the times of the rules */
   int64_t began, replayed;    /* steady time of the cycle; number of the last `replay` */
@@ -248,20 +246,16 @@ static void write_stamp(uint8_t *to, int64_t time)
   memcpy(to, stamp, sizeof stamp);
 }
 
-static void publish_torques(block *b, const output *to)
-{
-  memcpy(to->numbers, b->torques, (size_t)b->torque_count * sizeof(double));
-  if (to->stamp)
-    write_stamp(to->stamp, (int64_t)b->path->sent_at + b->epoch);
-  publish(b, to);
-}
-
 /* Publish the torques, and a request to torque_guard, if the rules say so. */
 static void publish_result(block *b)
 {
-  if (b->path->publish > 0.5)
-    for (int64_t k = 0; k < b->output_count; k++)
-      publish_torques(b, &b->outputs[k]);
+  for (int64_t k = 0; b->path->publish > 0.5 && k < b->output_count; k++) {
+    const output *to = &b->outputs[k];
+    memcpy(to->numbers, b->torques, (size_t)b->torque_count * sizeof(double));
+    if (to->stamp)
+      write_stamp(to->stamp, (int64_t)b->path->sent_at + b->epoch);
+    publish(b, to);
+  }
   if (b->path->request > -0.5) {
     *b->request.numbers = b->path->request;
     publish(b, &b->request);
@@ -325,11 +319,9 @@ static void gather(block *b, const layout *l, const uint8_t *data)
 /* Return the time with which a message begins: that of its header, or of /clock. */
 static int64_t first_time(const uint8_t *data)
 {
-  int32_t s;
-  uint32_t ns;
-  memcpy(&s, data + MESSAGE_AT, sizeof s);
-  memcpy(&ns, data + MESSAGE_AT + sizeof s, sizeof ns);
-  return s * (int64_t)SECOND + ns;
+  uint32_t time[2];  /* s, which may be negative, and ns */
+  memcpy(time, data + MESSAGE_AT, sizeof time);
+  return (int32_t)time[0] * (int64_t)SECOND + time[1];
 }
 
 /* Return the row of the motion's segment at a time; the event says where it is there. */

@@ -769,119 +769,119 @@ declare void @llvm.lifetime.start.p0(i64 immarg, ptr nocapture) #1
 
 ; Function Attrs: nounwind
 define internal fastcc void @publish_result(ptr nocapture noundef %0) unnamed_addr #0 {
-  %2 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 18
-  %3 = load ptr, ptr %2, align 8
-  %4 = getelementptr inbounds %struct.path_head, ptr %3, i64 0, i32 1
-  %5 = load double, ptr %4, align 8
-  %6 = fcmp ogt double %5, 5.000000e-01
-  br i1 %6, label %7, label %59
+  %2 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 37
+  %3 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 18
+  %4 = load ptr, ptr %3, align 8
+  %5 = getelementptr inbounds %struct.path_head, ptr %4, i64 0, i32 1
+  %6 = load double, ptr %5, align 8
+  %7 = fcmp ogt double %6, 5.000000e-01
+  br i1 %7, label %8, label %21
 
-7:                                                ; preds = %1
-  %8 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 37
-  %9 = load i64, ptr %8, align 8
-  %10 = icmp sgt i64 %9, 0
-  br i1 %10, label %11, label %59
+8:                                                ; preds = %1
+  %9 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 36
+  %10 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 20
+  %11 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 23
+  %12 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 14
+  %13 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 47
+  %14 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
+  %15 = load i64, ptr %2, align 8
+  %16 = icmp sgt i64 %15, 0
+  br i1 %16, label %26, label %21
 
-11:                                               ; preds = %7
-  %12 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 36
-  %13 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 20
-  %14 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 23
-  %15 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 14
-  %16 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 47
-  %17 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
-  br label %18
+17:                                               ; preds = %61
+  %18 = add nuw nsw i64 %27, 1
+  %19 = load i64, ptr %2, align 8
+  %20 = icmp slt i64 %18, %19
+  br i1 %20, label %26, label %21, !llvm.loop !8
 
-18:                                               ; preds = %11, %53
-  %19 = phi i64 [ 0, %11 ], [ %54, %53 ]
-  %20 = load ptr, ptr %12, align 8
-  %21 = getelementptr inbounds %struct.output, ptr %20, i64 %19
-  %22 = getelementptr inbounds %struct.output, ptr %20, i64 %19, i32 2
-  %23 = load ptr, ptr %22, align 8
-  %24 = load ptr, ptr %13, align 8
-  %25 = load i64, ptr %14, align 8
-  %26 = shl i64 %25, 3
-  tail call void @llvm.memcpy.p0.p0.i64(ptr align 8 %23, ptr align 8 %24, i64 %26, i1 false)
-  %27 = getelementptr inbounds %struct.output, ptr %20, i64 %19, i32 3
-  %28 = load ptr, ptr %27, align 8
-  %29 = icmp eq ptr %28, null
-  br i1 %29, label %42, label %30
+21:                                               ; preds = %61, %17, %8, %1
+  %22 = phi ptr [ %4, %1 ], [ %4, %8 ], [ %62, %17 ], [ %62, %61 ]
+  %23 = getelementptr inbounds %struct.path_head, ptr %22, i64 0, i32 3
+  %24 = load double, ptr %23, align 8
+  %25 = fcmp ogt double %24, -5.000000e-01
+  br i1 %25, label %66, label %82
 
-30:                                               ; preds = %18
-  %31 = load ptr, ptr %2, align 8
-  %32 = getelementptr inbounds %struct.path_head, ptr %31, i64 0, i32 2
-  %33 = load double, ptr %32, align 8
-  %34 = fptosi double %33 to i64
-  %35 = load i64, ptr %15, align 8
-  %36 = add nsw i64 %35, %34
-  %37 = sdiv i64 %36, 1000000000
-  %38 = trunc i64 %37 to i32
-  %39 = srem i64 %36, 1000000000
-  %40 = trunc i64 %39 to i32
-  store i32 %38, ptr %28, align 1
-  %41 = getelementptr inbounds i8, ptr %28, i64 4
-  store i32 %40, ptr %41, align 1
-  br label %42
+26:                                               ; preds = %8, %17
+  %27 = phi i64 [ %18, %17 ], [ 0, %8 ]
+  %28 = load ptr, ptr %9, align 8
+  %29 = getelementptr inbounds %struct.output, ptr %28, i64 %27
+  %30 = getelementptr inbounds %struct.output, ptr %28, i64 %27, i32 2
+  %31 = load ptr, ptr %30, align 8
+  %32 = load ptr, ptr %10, align 8
+  %33 = load i64, ptr %11, align 8
+  %34 = shl i64 %33, 3
+  tail call void @llvm.memcpy.p0.p0.i64(ptr align 8 %31, ptr align 8 %32, i64 %34, i1 false)
+  %35 = getelementptr inbounds %struct.output, ptr %28, i64 %27, i32 3
+  %36 = load ptr, ptr %35, align 8
+  %37 = icmp eq ptr %36, null
+  br i1 %37, label %50, label %38
 
-42:                                               ; preds = %30, %18
-  %43 = load ptr, ptr %21, align 8
-  %44 = icmp eq ptr %43, null
-  br i1 %44, label %53, label %45
+38:                                               ; preds = %26
+  %39 = load ptr, ptr %3, align 8
+  %40 = getelementptr inbounds %struct.path_head, ptr %39, i64 0, i32 2
+  %41 = load double, ptr %40, align 8
+  %42 = fptosi double %41 to i64
+  %43 = load i64, ptr %12, align 8
+  %44 = add nsw i64 %43, %42
+  %45 = sdiv i64 %44, 1000000000
+  %46 = trunc i64 %45 to i32
+  %47 = srem i64 %44, 1000000000
+  %48 = trunc i64 %47 to i32
+  store i32 %46, ptr %36, align 1
+  %49 = getelementptr inbounds i8, ptr %36, i64 4
+  store i32 %48, ptr %49, align 1
+  br label %50
 
-45:                                               ; preds = %42
-  %46 = load ptr, ptr %16, align 8
-  %47 = getelementptr inbounds %struct.output, ptr %20, i64 %19, i32 1
-  %48 = load ptr, ptr %47, align 8
-  %49 = tail call i32 %46(ptr noundef nonnull %43, ptr noundef %48, ptr noundef null) #6
-  %50 = icmp eq i32 %49, 0
-  br i1 %50, label %53, label %51
+50:                                               ; preds = %38, %26
+  %51 = load ptr, ptr %29, align 8
+  %52 = icmp eq ptr %51, null
+  br i1 %52, label %61, label %53
 
-51:                                               ; preds = %45
-  %52 = sext i32 %49 to i64
-  store atomic i64 %52, ptr %17 seq_cst, align 8
-  br label %53
+53:                                               ; preds = %50
+  %54 = load ptr, ptr %13, align 8
+  %55 = getelementptr inbounds %struct.output, ptr %28, i64 %27, i32 1
+  %56 = load ptr, ptr %55, align 8
+  %57 = tail call i32 %54(ptr noundef nonnull %51, ptr noundef %56, ptr noundef null) #6
+  %58 = icmp eq i32 %57, 0
+  br i1 %58, label %61, label %59
 
-53:                                               ; preds = %42, %45, %51
-  %54 = add nuw nsw i64 %19, 1
-  %55 = load i64, ptr %8, align 8
-  %56 = icmp slt i64 %54, %55
-  br i1 %56, label %18, label %57, !llvm.loop !8
+59:                                               ; preds = %53
+  %60 = sext i32 %57 to i64
+  store atomic i64 %60, ptr %14 seq_cst, align 8
+  br label %61
 
-57:                                               ; preds = %53
-  %58 = load ptr, ptr %2, align 8
-  br label %59
+61:                                               ; preds = %50, %53, %59
+  %62 = load ptr, ptr %3, align 8
+  %63 = getelementptr inbounds %struct.path_head, ptr %62, i64 0, i32 1
+  %64 = load double, ptr %63, align 8
+  %65 = fcmp ogt double %64, 5.000000e-01
+  br i1 %65, label %17, label %21, !llvm.loop !8
 
-59:                                               ; preds = %57, %7, %1
-  %60 = phi ptr [ %58, %57 ], [ %3, %7 ], [ %3, %1 ]
-  %61 = getelementptr inbounds %struct.path_head, ptr %60, i64 0, i32 3
-  %62 = load double, ptr %61, align 8
-  %63 = fcmp ogt double %62, -5.000000e-01
-  br i1 %63, label %64, label %80
+66:                                               ; preds = %21
+  %67 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38
+  %68 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38, i32 2
+  %69 = load ptr, ptr %68, align 8
+  store double %24, ptr %69, align 8
+  %70 = load ptr, ptr %67, align 8
+  %71 = icmp eq ptr %70, null
+  br i1 %71, label %82, label %72
 
-64:                                               ; preds = %59
-  %65 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38
-  %66 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38, i32 2
-  %67 = load ptr, ptr %66, align 8
-  store double %62, ptr %67, align 8
-  %68 = load ptr, ptr %65, align 8
-  %69 = icmp eq ptr %68, null
-  br i1 %69, label %80, label %70
-
-70:                                               ; preds = %64
-  %71 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 47
-  %72 = load ptr, ptr %71, align 8
-  %73 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38, i32 1
+72:                                               ; preds = %66
+  %73 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 47
   %74 = load ptr, ptr %73, align 8
-  %75 = tail call i32 %72(ptr noundef nonnull %68, ptr noundef %74, ptr noundef null) #6
-  %76 = icmp eq i32 %75, 0
-  br i1 %76, label %80, label %77
+  %75 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 38, i32 1
+  %76 = load ptr, ptr %75, align 8
+  %77 = tail call i32 %74(ptr noundef nonnull %70, ptr noundef %76, ptr noundef null) #6
+  %78 = icmp eq i32 %77, 0
+  br i1 %78, label %82, label %79
 
-77:                                               ; preds = %70
-  %78 = sext i32 %75 to i64
-  %79 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
-  store atomic i64 %78, ptr %79 seq_cst, align 8
-  br label %80
+79:                                               ; preds = %72
+  %80 = sext i32 %77 to i64
+  %81 = getelementptr inbounds %struct.block, ptr %0, i64 0, i32 4
+  store atomic i64 %80, ptr %81 seq_cst, align 8
+  br label %82
 
-80:                                               ; preds = %77, %70, %64, %59
+82:                                               ; preds = %79, %72, %66, %21
   ret void
 }
 
