@@ -314,7 +314,7 @@ def test_after_a_refused_command_the_arm_is_free_or_held_by_its_guard(
         if guarded:
             assert client.state() == 'active'
             assert wait_until(lambda: send_for(client, 0.1)
-                              and "commanding 'hold'" in guard.log, 5.0)
+                              and 'holding the arm' in guard.log, 5.0)
             assert any(client.commands[-1])
         else:
             assert wait_until(lambda: client.state() == 'inactive', 5.0)

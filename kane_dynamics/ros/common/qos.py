@@ -99,7 +99,7 @@ def _check_policy(name: str, policy: str, value: Any) -> None:
         raise InputError(f"parameter '{name}': {value!r}; expected {expected}")
 
 
-def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProfile:
+def watched(lease: float, *, watching: bool = False) -> QoSProfile:
     """
     Return the profile of a topic whose publisher is watched.
 
@@ -111,8 +111,8 @@ def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProf
 
     Parameters
     ----------
-    lease, deadline : float
-        Offered or requested lease of liveliness and deadline of messages, s.
+    lease : float
+        Offered or requested lease of liveliness, s.
     watching : bool
         Whether the profile is that of the subscription.
 
@@ -121,5 +121,4 @@ def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProf
                       reliability=(ReliabilityPolicy.BEST_EFFORT if watching
                                    else ReliabilityPolicy.RELIABLE),
                       liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
-                      liveliness_lease_duration=Duration(seconds=lease),
-                      deadline=Duration(seconds=deadline))
+                      liveliness_lease_duration=Duration(seconds=lease))

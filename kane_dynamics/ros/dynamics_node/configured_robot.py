@@ -295,12 +295,12 @@ class ConfiguredRobot:
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
 
-        # The guard watches the liveliness and the deadlines of the commands.
+        # The guard watches the liveliness of the commands.
         guarded = values['guard.enabled'] and not self.fault
         qos = overridable(RELIABLE)
         options: dict[str, Any] = {'qos_overriding_options': OVERRIDES}
         if guarded:
-            qos = watched(values['guard.lease'], values['guard.deadline'])
+            qos = watched(values['guard.lease'])
             options = {}
         self._commands = publisher(Float64MultiArray, 'commands', qos, **options)
         torques = publisher(JointState, '~/joint_torques', qos if guarded else RELIABLE)

@@ -12,7 +12,6 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.cdr import float64_multi_array
-from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.lost_messages import with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
@@ -80,7 +79,6 @@ class ConfiguredGuard:
         self.verified = max(robot.verify() for robot in robots)
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        self.missed_deadlines = 0
         self.node_alive = False
         self._heartbeats = 0
         self._message = float64_multi_array(FIELDS + len(commanded_joints(
@@ -116,11 +114,9 @@ class ConfiguredGuard:
         timer = node.create_timer(values['guard.lease'] / TICKS, self._tick,
                                   clock=Clock(clock_type=ClockType.STEADY_TIME))
         opened.callback(node.destroy_timer, timer)
-        # What it hears: the arm, and the node's torques with their deadline and
-        # liveliness.
+        # What it hears: the arm, and the node's torques with their liveliness.
         subscribe(JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT)
-        opened.callback(torques.hear(values['guard.lease'], values['guard.deadline'],
-                                     self))
+        opened.callback(torques.hear(values['guard.lease'], self))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
@@ -151,11 +147,6 @@ class ConfiguredGuard:
         """Use gravity and payload of the dynamics node from the next state on."""
         self.path.set_loads(loads)
 
-    def inherit(self, torque: Array) -> None:
-        """Continue from the last torque of a guard that has ended, if it is of this arm."""
-        if torque.shape == self.path.watch.torque.shape:
-            self.path.watch.inherit(torque, time.perf_counter())
-
     def send_heartbeat(self) -> None:
         """Send the state of the guard to the dynamics node."""
         self._send(0.0, self.path.watch.acting)
@@ -184,8 +175,8 @@ class ConfiguredGuard:
         """Hand the topic over to the dynamics node, and answer."""
         if not self._request.read(data):
             return
-        # The zeros of a node that stops itself are noted by `GuardNode`.
         if self._request.numbers[0] == STOPPED:
+            self.path.on_stopped()
             return
         acted = self.path.hand_over()
         self._send(float(self._request.numbers[0]), acted)
@@ -195,10 +186,6 @@ class ConfiguredGuard:
     def on_torques(self, data: bytes) -> None:
         """Note a command of the node, a serialized JointState."""
         self.path.on_torques(data)
-
-    def on_deadline(self, missed: int) -> None:
-        """Count missed deadlines."""
-        self.missed_deadlines += missed
 
     def on_liveliness(self, alive: bool) -> None:
         """Note whether the node is alive; take over from one that is not."""

@@ -1,18 +1,17 @@
 """The node torque_guard: follows the dynamics node's configuration, and guards it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.model_checks import listed
-from kane_dynamics.control_cycle.arbitration import FIELDS, LOST, STOPPED
+from kane_dynamics.control_cycle.arbitration import FIELDS, LOST
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
                                                           robot_options)
-from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -20,11 +19,10 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_messages import (arm_digest, HEARTBEAT_PERIOD, LOADS,
                                                     loads_from_numbers, LOADS_LENGTH,
-                                                    NodeLoads, REQUEST, STATE)
+                                                    NodeLoads, STATE)
 from kane_dynamics.ros.guard.node_parameters import (NodeParameters, SHARED,
                                                      SIMULATED_TIME)
 from kane_dynamics.ros.guard.node_torques import NodeTorques
-from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -41,7 +39,6 @@ DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not
 ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until '
            'that one ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
-INHERITED = 3.0  # s from the end of another guard, after which its torque is of long ago
 ALONE = 5.0  # s from the start without a node, after which no process holds the arm
 REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
@@ -75,9 +72,6 @@ class GuardNode(Node):
         # double.
         self._identity = float(time.monotonic_ns() // 1000)
         self._other_heard = -LOST  # time of the last message of another guard, s
-        self._other_torque: Array | None = None  # that acted at its last message
-        # Since when the graph lists other guards, s; 0: it lists none
-        self._others_listed = 0.0
         self._values: Mapping[str, Any] = {}
         self._next: Mapping[str, Any] | None = None  # parameters that wait
         self._source = NodeParameters(self, self.target, self._on_parameters)
@@ -89,8 +83,6 @@ class GuardNode(Node):
                                  self._on_loads, LATCHED)
         self.create_subscription(Float64MultiArray, f'{self.target}/{STATE}',
                                  self._on_guard_state, RELIABLE)
-        self.create_subscription(Float64MultiArray, f'{self.target}/{REQUEST}',
-                                 self._on_request, RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -134,11 +126,15 @@ class GuardNode(Node):
         """Stop guarding if another guard is to guard the same arm."""
         if len(message.data) < FIELDS or message.data[FIELDS - 1] == self._identity:
             return  # of this guard
-        if self.guard is not None and not self._yields(self.guard.path.watch,
-                                                       message.data):
-            return  # the other one stops
-        self._other_heard = time.monotonic()
-        self._other_torque = np.array(message.data[FIELDS:])
+        # The older one goes on; one that was stopped, from whose torque the arm has moved
+        # away, yields to any.
+        watch = None if self.guard is None else self.guard.path.watch
+        now = time.perf_counter()
+        if watch is not None:
+            watch.tick(now)
+            if message.data[FIELDS - 1] > self._identity and not watch.listens(now):
+                return
+        self._other_heard = now
         if self.guard is not None:
             self._refuse(ANOTHER)
             self._next = self._next or self._values
@@ -146,44 +142,12 @@ class GuardNode(Node):
             self.guard = None
             guard.abandon()
 
-    def _on_request(self, message: Float64MultiArray) -> None:
-        """Note zeros of the node, also before this guard guards: nothing is inherited."""
-        if message.data and message.data[0] == STOPPED:
-            self._other_torque = None
-            if self.guard is not None:
-                self.guard.path.on_stopped()
-
-    def _yields(self, watch: NodeWatch, state: Sequence[float]) -> bool:
-        """
-        Return whether this guard yields to another one, which sends its state.
-
-        A guard that was stopped yields to any other, then one without a torque of its
-        own yields to one that holds the arm, then the younger one yields.
-        """
-        now = time.perf_counter()
-        watch.tick(now)
-        if watch.listens(now):
-            return True
-        # The one that holds the arm goes on; of equal ones the number decides.
-        _, acting, commanded_last, identity = state[:FIELDS]
-        other_holds = bool(acting or (commanded_last and any(state[FIELDS:])))
-        if other_holds != watch.holding:
-            return other_holds
-        return identity < self._identity
-
-    def _other_guards(self) -> bool:
-        """Return whether another guard guards the arm, or may do so."""
-        now = time.monotonic()
-        if now - self._other_heard < LOST:
-            if not self.refused:
-                self._refuse(ANOTHER)
-            return True
-        if self.count_publishers(f'{self.target}/{STATE}') == 0:
-            self._others_listed = 0.0
-            return False
-        # The graph lists a killed guard too; a living one is heard soon.
-        self._others_listed = self._others_listed or now
-        return now - self._others_listed < LOST
+    def _another_guards(self) -> bool:
+        """Return whether another guard, which lives, guards the arm."""
+        guards = time.perf_counter() - self._other_heard < LOST
+        if guards and not self.refused:
+            self._refuse(ANOTHER)
+        return guards
 
     def _refuse(self, reason: str) -> None:
         """Report that this guard does not guard."""
@@ -209,7 +173,7 @@ class GuardNode(Node):
         # guards the arm.
         holding = self.guard is not None and self.guard.path.watch.holding
         if self._next is not None and not holding and (self.guard or
-                                                       not self._other_guards()):
+                                                       not self._another_guards()):
             values = self._next
             self._next = None
             try:
@@ -243,7 +207,6 @@ class GuardNode(Node):
     def _build(self, values: Mapping[str, Any]) -> None:
         """Compile the robot and open the topics; `reason` says why not."""
         began = time.perf_counter()
-        ended_for = time.monotonic() - self._other_heard
         log = self.get_logger()
         source: str | Path = values['robot_description'] or (
             resolve_path('urdf', values['urdf']) if values['urdf']
@@ -267,10 +230,6 @@ class GuardNode(Node):
                                      self._report, self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
-        # The guard before this one has just ended, and the node perhaps before it.
-        if self._other_torque is not None and ended_for < INHERITED:
-            self.guard.inherit(self._other_torque)
-        self._other_torque = None
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to '
                  f'{self.guard.verified:.1e}')
@@ -352,7 +311,6 @@ class GuardNode(Node):
         _, _, figures = guard.statistics.period(period)
         figures |= {'takeovers': str(watch.takeovers),
                     'node alive': str(guard.node_alive),
-                    'missed deadlines': str(guard.missed_deadlines),
                     'last silence before a takeover': f'{watch.silent_for * 1e3:.1f} ms',
                     'kernels verified to': f'{guard.verified:.1e}'}
         return status(name, guard.robot.model.name, level, message, figures)

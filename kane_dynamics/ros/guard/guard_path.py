@@ -25,6 +25,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 
 NO_PARAMETERS = np.zeros(0)
+RAMP = 0.005  # s, in which the torque changes from the node's to the guard's
 LATE = 1.5  # times state_timeout, after which the node should have commanded zeros
 
 
@@ -47,10 +48,10 @@ class GuardPath(TorquePath):
     """
     Publishes damping torques while the guard acts; otherwise only checks the joint states.
 
-    The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from
-    the last torque of the node fades out during guard.ramp, or during the longer time
-    that a joint needs within its rate limit: joints that were limited one by one would
-    throw lighter ones about. Then the limits of the node apply.
+    The torque is h(q, u) - M(q) (damping u). The difference from the last torque of the
+    node fades out during `RAMP`, or during the longer time that a joint needs within its
+    rate limit: joints that were limited one by one would throw lighter ones about. Then
+    the limits of the node apply.
 
     Parameters
     ----------
@@ -126,25 +127,18 @@ class GuardPath(TorquePath):
         """Return the guard's torques at the latest state."""
         controller = self.controller
         reader = self._reader
-        values = self._values
         # Without velocities there is no damping.
         mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
         if controller.mode is not mode:
             controller.update(mode=mode)
-        # The guard's own law: h(q, u) - M(q) (damping u), of which gravity or all fades
-        # out.
         continues = self._takeovers == self.watch.takeovers
         if not continues:
             self._takeovers = self.watch.takeovers
             # The node's torques are compared with it, which have the stamps of states.
             self._took_over = self._reader.stamp or stamp
         elapsed = max(stamp - self._took_over, 0) / NANO
+        # The guard's own law: h(q, u) - M(q) (damping u).
         tau = controller.torque(reader.q, reader.u, None, 0.0)
-        faded = min(elapsed / values['guard.fade'], 1.0)
-        if values['guard.action'] == 'zero':
-            tau = (1.0 - faded) * tau
-        elif values['guard.action'] == 'damp':
-            tau = tau - faded * controller.gravity_torque(reader.q)
         if not continues:
             # Begin with the last torque of the node. Its difference from the law ramps
             # down in the time that the slowest joint needs within its rate limit.
@@ -152,11 +146,10 @@ class GuardPath(TorquePath):
             rate = controller.rate_limit
             needed = np.divide(np.abs(self._offset), rate, out=np.zeros(len(rate)),
                                where=rate > 0.0)
-            self._ramp = max(values['guard.ramp'], *needed.tolist())
+            self._ramp = max(RAMP, *needed.tolist())
             self._resume()
             silent = self.watch.silent_for * 1e3
-            self._pending_report = (f'no command for {silent:.1f} ms: '
-                                    f"commanding '{values['guard.action']}'")
+            self._pending_report = f'no command for {silent:.1f} ms: holding the arm'
         if elapsed < self._ramp:
             tau = tau + (1.0 - elapsed / self._ramp) * self._offset
         return tau

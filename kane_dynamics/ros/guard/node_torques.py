@@ -1,4 +1,4 @@
-"""The torques of the dynamics node, which torque_guard hears with deadline and liveliness."""
+"""The torques of the dynamics node, which torque_guard hears with their liveliness."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -14,9 +14,6 @@ class TorqueListener(Protocol):
 
     def on_torques(self, data: bytes) -> None:
         """Note a command, a serialized JointState."""
-
-    def on_deadline(self, missed: int) -> None:
-        """Note that the node missed deadlines."""
 
     def on_liveliness(self, alive: bool) -> None:
         """Note whether the node is alive."""
@@ -34,11 +31,6 @@ class TorqueSubscription:
         if self.listener is not None:
             self.listener.on_torques(data)
 
-    def on_deadline(self, event: Any) -> None:
-        """Pass missed deadlines on."""
-        if self.listener is not None:
-            self.listener.on_deadline(event.total_count_change)
-
     def on_liveliness(self, event: Any) -> None:
         """Pass on whether the node is alive."""
         self.alive = event.alive_count > 0
@@ -52,7 +44,7 @@ class TorqueSubscription:
 
 class NodeTorques:
     """
-    Subscriptions to ~/joint_torques of the dynamics node, one of each lease and deadline.
+    Subscriptions to ~/joint_torques of the dynamics node, one of each lease.
 
     A subscription is kept until the process ends, and used again by the next guard: where
     one with event callbacks is destroyed while an event waits, the EventsExecutor ends
@@ -70,32 +62,29 @@ class NodeTorques:
     def __init__(self, node: Node, target: str) -> None:
         self.target = target
         self._node = node
-        self._subscriptions: dict[tuple[float, float], TorqueSubscription] = {}
+        self._subscriptions: dict[float, TorqueSubscription] = {}
 
-    def hear(self, lease: float, deadline: float, listener: TorqueListener
-             ) -> Callable[[], None]:
+    def hear(self, lease: float, listener: TorqueListener) -> Callable[[], None]:
         """
         Pass messages and events to a listener; return a function that ends it.
 
-        `lease` and `deadline` are those that the dynamics node offers, s.
+        `lease` is that which the dynamics node offers, s.
         """
-        key = lease, deadline
-        if key not in self._subscriptions:
-            self._subscriptions[key] = self._subscribe(lease, deadline)
-        subscription = self._subscriptions[key]
+        if lease not in self._subscriptions:
+            self._subscriptions[lease] = self._subscribe(lease)
+        subscription = self._subscriptions[lease]
         subscription.listener = listener
         if subscription.alive:
             listener.on_liveliness(True)
         return subscription.forget
 
-    def _subscribe(self, lease: float, deadline: float) -> TorqueSubscription:
+    def _subscribe(self, lease: float) -> TorqueSubscription:
         """Subscribe without a listener."""
         subscription = TorqueSubscription()
         # Without the default callbacks: one that is not used may be incompatible.
-        events = SubscriptionEventCallbacks(deadline=subscription.on_deadline,
-                                            liveliness=subscription.on_liveliness,
+        events = SubscriptionEventCallbacks(liveliness=subscription.on_liveliness,
                                             use_default_callbacks=False)
         self._node.create_subscription(
             JointState, f'{self.target}/joint_torques', subscription.on_torques,
-            watched(lease, deadline, watching=True), raw=True, event_callbacks=events)
+            watched(lease, watching=True), raw=True, event_callbacks=events)
         return subscription

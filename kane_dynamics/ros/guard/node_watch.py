@@ -1,7 +1,7 @@
 """Watches the dynamics node by its commands; decides when the guard takes over."""
 
-from kane_dynamics.control_cycle.arbitration import DISCOVERY, LOST
-from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.control_cycle.arbitration import LOST
+from kane_dynamics.ros.common.conversion import Array
 import numpy as np
 
 UNANSWERED = 2      # states without a command before a takeover: one may be lost
@@ -68,17 +68,6 @@ class NodeWatch:
     def holding(self) -> bool:
         """Return whether a torque of the guard acts."""
         return self.acting or (self.commanded_last and self.armed)
-
-    def inherit(self, torque: Array, now: float) -> None:
-        """
-        Continue from the last torque of a guard that has ended.
-
-        The node may be alive: its commands are heard once this guard has discovered it.
-        """
-        self.note(torque, True)
-        self.known = True
-        self._alive = now
-        self.waiting_since = self.heard_at = now + DISCOVERY / NANO
 
     def note_node_command(self, torque: Array, now: float) -> None:
         """Note a command of the node."""

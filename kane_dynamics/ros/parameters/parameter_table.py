@@ -478,24 +478,10 @@ SPECS = (
          'time without a command, s, after which torque_guard '
          'takes over; also the lease of liveliness of `commands` and ~/joint_torques',
          low=2e-3, high=10.0),
-    Spec('guard.deadline', 'number', 0.012, 'largest time between two messages, s, that '
-         '`commands` and ~/joint_torques offer as DDS deadline; torque_guard counts '
-         'those missed',
-         low=1e-3, high=10.0),
-    live('guard.action', 'text', 'hold',
-         'torques of torque_guard: hold: gravity and damping; '
-         'damp: gravity fades out and the arm sinks, damped; zero: both fade out, for '
-         'an arm with brakes', choices=('hold', 'damp', 'zero')),
     live('guard.damping', 'per_joint', 20.0,
          'damping by torque_guard: the rate at which it slows '
          'a joint, 1/s; the torque is this times speed times inertia', low=0.0,
          high=1000.0),
-    live('guard.ramp', 'number', 0.005,
-         'time in which torque_guard changes from the last torque '
-         'of this node to its own, s; longer where limits.rate asks for it', low=0.0,
-         high=10.0),
-    live('guard.fade', 'number', 2.0, 'time in which damp and zero fade out, s',
-         positive=True, low=0.0, high=3600.0),
     live('state_timeout', 'number', 0.1,
          'age, s, above which joint states are stale: the node '
          'commands zeros and drops the desired motion', low=1e-3, high=3600.0),

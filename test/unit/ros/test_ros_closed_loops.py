@@ -368,7 +368,7 @@ def test_the_guard_holds_an_arm_with_closed_loops(monkeypatch):
     rig = Rig()
     monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
     held, = rig.state()
-    values = all_values(**{'guard.ramp': 0.0, 'limits.rate': np.array(np.inf)},
+    values = all_values(**{'limits.rate': np.array(np.inf)},
                         **UNCHECKED)
     controller = Controller(palletizer())
     guard = GuardPath(controller, rig.commands, rig.torques, lambda: rig.time, values,

@@ -258,7 +258,7 @@ def test_after_a_kill_the_guard_commands_gravity_within_two_periods_of_the_lease
 
 
 def test_the_guard_damps_motion_and_starts_from_the_last_torque_of_the_node(pair):
-    both = pair(**{'limits.rate': np.array(np.inf), 'guard.ramp': 0.02})
+    both = pair(**{'limits.rate': np.array(np.inf)})
     both.path.active_motion.follow(MOTION, round(both.machine.now * NANO), 0,
                                    both.path.active_motion.generation)
     both.run(0.1)
@@ -495,21 +495,6 @@ def test_a_node_without_guard_commands_after_the_discovery_timeout(pair):
     assert both.voices(began) == ['node']
 
 
-@pytest.mark.parametrize('action', ['damp', 'zero'])
-def test_actions_fade_out(pair, action):
-    both = pair(**{'guard.action': action, 'guard.fade': 0.2})
-    both.u = np.array([0.1, 0.2])
-    both.node_process.dead = True
-    both.run(0.02)
-    assert both.machine.commands[-1][2].any()
-    both.run(0.5)
-    robot = Robot(MODEL)
-    damping = (robot.inverse_dynamics(Q, both.u, -20.0 * both.u)
-               - robot.friction_force(both.u) - robot.gravity_force(Q))
-    np.testing.assert_allclose(both.machine.commands[-1][2],
-                               damping if action == 'damp' else np.zeros(2), atol=1e-12)
-
-
 def test_random_stalls_of_both_processes_never_give_two_voices_or_a_step(pair):
     both = pair()
     rng = np.random.default_rng(7)
@@ -679,16 +664,16 @@ def test_a_subscription_with_events_is_used_again_and_never_destroyed():
         return SimpleNamespace(
             on_torques=lambda data: received.append((name, data)),
             on_liveliness=lambda alive: received.append((name, alive)))
-    forget = torques.hear(0.02, 0.1, listener('first'))
+    forget = torques.hear(0.02, listener('first'))
     (_, topic, on_torques, _), = created
     assert topic == 'node/joint_torques'
     on_torques(b'1')
     on_torques.__self__.on_liveliness(SimpleNamespace(alive_count=1))
     forget()
     on_torques(b'2')
-    torques.hear(0.02, 0.1, listener('second'))
+    torques.hear(0.02, listener('second'))
     on_torques(b'3')
-    torques.hear(0.03, 0.1, listener('third'))
+    torques.hear(0.03, listener('third'))
     assert len(created) == 2
     assert received == [('first', b'1'), ('first', True), ('second', True),
                         ('second', b'3')]

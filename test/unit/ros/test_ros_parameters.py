@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-import re
 from types import SimpleNamespace
 
 from kane_dynamics import load_urdf, Robot
@@ -24,11 +23,6 @@ import yaml
 FOLDER = Path(__file__).parents[3] / 'config'
 TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
-# Parameters that a file sets for its arm; all others have their defaults.
-OWN = {
-    'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-    'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'modes', 'efforts.kind',
-    'efforts.gravity', 'cartesian.frame'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
@@ -38,21 +32,21 @@ def parameters_of_file(path):
 
 
 @FILES
-def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
+def test_a_shipped_file_sets_what_differs_from_the_defaults_to_valid_values(path):
     specs = {spec.name: spec for spec in TABLES[path]}
-    values = {name: read(specs[name], value)
-              for name, value in parameters_of_file(path).items()}
-    assert set(values) == set(specs) - {'robot_description'}
+    values = {}
+    for name, value in parameters_of_file(path).items():
+        values[name] = read(specs[name], value)
+        default = read(specs[name], specs[name].default)
+        assert not np.array_equal(values[name], default), name
+    assert len(values) <= 20
     model = load_urdf(resolve_path('urdf', values['urdf']),
                       joints=list(values['joints']))
     assert model.joint_names == values['joints']
-    for name, value in values.items():
+    for name in values:
         if specs[name].kind == 'per_joint':
             assert per_joint(
                 values, name, model.joint_names, math.inf).shape == (model.n,)
-        if name not in OWN:
-            np.testing.assert_array_equal(value, read(specs[name], specs[name].default),
-                                          name)
 
 
 def test_the_descriptors_state_the_range_of_each_parameter():
@@ -74,15 +68,6 @@ def test_the_descriptors_state_the_range_of_each_parameter():
                 assert f'{words} {bound:g}' in text or (spec.positive
                                                         and 'positive' in text), text
         assert all(choice in text for choice in spec.choices)
-
-
-@FILES
-def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
-    text = path.read_text().replace('# robot_description:', 'robot_description:')
-    described = [' '.join(block.replace('# ', '').split())
-                 for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
-    assert described == [f'{spec.description}{" (live)" * spec.live}; valid: '
-                         f'{spec.constraint}' for spec in TABLES[path]]
 
 
 @pytest.mark.parametrize(('name', 'value'), [
