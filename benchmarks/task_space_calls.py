@@ -4,7 +4,7 @@ Time of a call of each law in task space: from Python, and of its machine code a
 On an arm of seven axes and on a palletizer with closed loops, measured in turns in one
 run, so that the ratios to `mass_matrix` are those of one state of the machine. The code
 of each law is in memory `COPIES` times, since some places cost a fifth more; the best
-one counts. The table in docs/task_space.md is from here.
+one counts.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,7 @@ Arms in MuJoCo led through singular configurations by a node, over DDS.
 
 The experiments of benchmarks/task_space_laws.py with the node in the loop: the target
 comes as ~/target_pose at 100 Hz. `pytest -m slow -s` prints the table that
-docs/task_space_measured.md shows.
+docs/task_space.md summarizes.
 """
 
 from pathlib import Path
