@@ -745,3 +745,22 @@ class Equations:
         """Return the center of mass's velocity per unit of independent speed, (3, n)."""
         J = self.tree.center_of_mass_jacobian(q, parameters)
         return self.at_rest(q, t).by_speeds(J)
+
+    def centroidal_momentum(self, q: Vector, u: Vector, parameters: Vector,
+                            t: Scalar = 0.0) -> Vector:
+        """Return linear and angular momentum about the center of mass, (6,)."""
+        # The momentum of a motion is the impulse, at rest, that changes speeds by its own.
+        return self.tree.centroidal_momentum_rate(q, self.tree.zeros,
+                                                  self.joint_speeds(q, u, t), parameters)
+
+    def centroidal_momentum_matrix(self, q: Vector, parameters: Vector,
+                                   t: Scalar = 0.0) -> Matrix:
+        """Return the centroidal momentum per unit of independent speed, (6, n)."""
+        A = self.tree.centroidal_momentum_matrix(q, parameters)
+        return self.at_rest(q, t).by_speeds(A)
+
+    def centroidal_momentum_rate(self, q: Vector, u: Vector, udot: Vector,
+                                 parameters: Vector, t: Scalar = 0.0) -> Vector:
+        """Return the time derivative of the centroidal momentum, (6,)."""
+        motion = self.joint_motion(q, u, udot, t)
+        return self.tree.centroidal_momentum_rate(q, motion.qdot, motion.qddot, parameters)

@@ -14,7 +14,7 @@ import subprocess
 from tempfile import TemporaryDirectory
 
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
-                           fill_trajectory, MomentumObserver, Motion,
+                           fill_trajectory, Inertial, MomentumObserver, Motion,
                            natural_vibration, QuasiStatic, Robot, simulate, stiffened,
                            Uncertainty)
 from kane_dynamics.analysis.power_balance import power_balance
@@ -29,7 +29,7 @@ from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.recursive.regressor import parameters_of
-from kane_dynamics.model.model import with_payload
+from kane_dynamics.model.model import Body, Joint, with_payload
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
@@ -229,6 +229,46 @@ def kinetic_and_potential_energy(case):
                  energies.kinetic_energy(model, case.q, qdot))
     assert_close(case.robot.potential_energy(case.q),
                  energies.potential_energy(model, case.q))
+
+
+def on_free_base(model):
+    """Return the model on a base of six massless joints, the last coordinates."""
+    names = []
+    bodies = []
+    for k, kind in enumerate(['prismatic'] * 3 + ['revolute'] * 3):
+        joint = Joint(f'base/{k}', kind, np.eye(3)[k % 3], coordinate=model.n + k)
+        bodies.append(Body(joint.name, k - 1, joint, Inertial()))
+        names.append(joint.name)
+    for body in model.bodies:
+        bodies.append(replace(body, parent=body.parent + 6))
+    return replace(model, bodies=tuple(bodies), frames=(),
+                   balls=tuple(ball + 6 for ball in model.balls),
+                   coordinate_names=(*model.coordinate_names, *names))
+
+
+def momentum(model, q, qdot):
+    """Return the centroidal momentum by the definition, from M on a free base."""
+    M = kane.mass_matrix(on_free_base(model), np.concatenate([q, np.zeros(6)]))
+    wrench = M[-6:, :-6] @ qdot
+    # The block of the base is m (c x) below the mass.
+    mass = M[-6, -6]
+    c = np.array([M[-1, -5], M[-3, -4], M[-2, -6]]) / mass
+    return c, np.concatenate([wrench[:3], wrench[3:] - np.cross(c, wrench[:3])])
+
+
+def centroidal(case):
+    robot = case.robot
+    model = robot.model
+    qdot, qddot = case.joint_motion
+    center, expected = momentum(model, case.q, qdot)
+    assert_close(robot.center_of_mass(case.q, **case.t), center)
+    assert_close(robot.centroidal_momentum(case.q, case.u, **case.t), expected)
+    at_rest = robot.centroidal_momentum(case.q, 0.0 * case.u, **case.t)
+    A = robot.centroidal_momentum_matrix(case.q, **case.t)
+    assert_close(A @ case.u + at_rest, expected)
+    rate = slope(lambda s: momentum(model, case.q + s * case.q_rate, qdot + s * qddot)[1])
+    assert_close(robot.centroidal_momentum_rate(case.q, case.u, case.udot, **case.t),
+                 rate, CLOSED)
 
 
 def rigid(case):

@@ -102,6 +102,7 @@ ROWS = (
     Row('Jacobian and its rate', check.jacobian),
     Row('velocity and acceleration of frames', check.frames, pairs=False),
     Row('kinetic and potential energy', check.kinetic_and_potential_energy),
+    Row('center of mass, centroidal momentum and its rate', check.centroidal),
     Row('torque by source', check.sources),
     Row('torque by body', check.by_body),
     Row('regressor', check.regressor, {BEAM: NO_TEN}),

@@ -49,6 +49,10 @@ def test_dynamics_of_trees_with_ball_joints_are_pinocchios(seed):
         assert_close(robot.potential_energy(q),
                      pin.computePotentialEnergy(peer, data, q))
         assert_close(robot.center_of_mass(q), pin.centerOfMass(peer, data, q))
+        assert_close(robot.centroidal_momentum_matrix(q), pin.ccrba(peer, data, q, u))
+        assert_close(robot.centroidal_momentum(q, u), data.hg.vector)
+        rate = pin.computeCentroidalMomentumTimeVariation(peer, data, q, u, udot)
+        assert_close(robot.centroidal_momentum_rate(q, u, udot), rate.vector)
 
 
 @pytest.mark.parametrize('seed', [1])

@@ -27,7 +27,6 @@ from kane_dynamics.model.model import WORLD
 import numpy as np
 
 ZERO = np.array([0.0, 0.0, 0.0])
-ZERO_TENSOR = np.zeros((3, 3))
 # In link axes: omega, alpha, acceleration of the origin minus gravity, and U, the
 # `rate_tensor`.
 LinkMotion = tuple[Vector, Vector, Vector, Matrix]
@@ -84,12 +83,13 @@ class JointStep:
 
 
 def link_motion(link: Link, step: JointStep, motions: Sequence[LinkMotion], q: Vector,
-                u: Vector, udot: Vector, gravity: Vector) -> LinkMotion:
+                u: Vector, udot: Vector, gravity: Vector,
+                base_alpha: Vector = ZERO) -> LinkMotion:
     """Return the motion of a link from those of the links before; see `LinkMotion`."""
     rate = link.rate(q, u)
     acceleration = link.acceleration(q, u, udot)
     if link.parent == WORLD:
-        omega, alpha, a, U = ZERO, ZERO, -gravity, ZERO_TENSOR
+        omega, alpha, a, U = ZERO, base_alpha, -gravity, rate_tensor(ZERO, base_alpha)
     else:
         omega, alpha, a, U = motions[link.parent]
 
@@ -145,7 +145,7 @@ def link_forces(link: Link, motion: LinkMotion, u: Vector,
 
 
 def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
-                     gravity: Vector) -> Vector:
+                     gravity: Vector, base_alpha: Vector = ZERO) -> Vector:
     """
     Return the joint forces for a motion by RNEA: -F_r* minus F_r of gravity.
 
@@ -157,6 +157,8 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         Coordinates, their rates and accelerations; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
+    base_alpha : (3,) array of scalars
+        Angular acceleration of the base about the world's origin, rad/s^2, world axes.
 
     Returns
     -------
@@ -174,7 +176,7 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
     motions: list[LinkMotion] = []
     wrenches: list[tuple[Vector, Vector]] = []
     for link, step in zip(links, steps):
-        motion = link_motion(link, step, motions, q, u, udot, gravity)
+        motion = link_motion(link, step, motions, q, u, udot, gravity, base_alpha)
         motions.append(motion)
         force, moment, modal_forces = link_forces(link, motion, u, udot)
         wrenches.append((force, moment))

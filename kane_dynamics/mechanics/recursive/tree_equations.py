@@ -771,6 +771,19 @@ class TreeEquations:
         links, x = self._links_at(q, self._loaded(self.geometry, parameters))
         return masses.center_of_mass_jacobian(links, x)
 
+    def centroidal_momentum_matrix(self, q: Vector, parameters: Vector) -> Matrix:
+        """Return linear and angular momentum per unit of each speed, (6, n)."""
+        links, x = self._links_at(q, self._loaded(self.geometry, parameters))
+        return masses.centroidal_momentum_matrix(links, x)
+
+    def centroidal_momentum_rate(self, q: Vector, u: Vector, udot: Vector,
+                                 parameters: Vector) -> Vector:
+        """Return the rate of the centroidal momentum, (6,), by RNEA."""
+        links, x = self._links_at(q, self._loaded(self.joint_links, parameters))
+        reactions = joint_reactions.joint_reactions(
+            links, x, u, self._angle_accelerations(u, udot), NO_GRAVITY, ())
+        return masses.resultant(links, x, reactions)
+
     def frame_pose(self, frame: Frame, q: Vector) -> Matrix:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
         links, x = self._links_at(q, self.geometry)

@@ -22,7 +22,9 @@ Method = TypeVar('Method', bound=Callable[..., Any])
 # What a robot may lack: accelerations do not follow from torques where a joint moves no mass
 # or a drive is self-locking, and a robot without mass has no center of it.
 LACKING = {'forward_dynamics', 'inverse_mass_matrix', 'forward_dynamics_derivatives',
-           'constraint_forces', 'center_of_mass', 'center_of_mass_jacobian'}
+           'constraint_forces', 'center_of_mass', 'center_of_mass_jacobian',
+           'centroidal_momentum', 'centroidal_momentum_matrix',
+           'centroidal_momentum_rate'}
 
 
 class _Compiled:

@@ -306,6 +306,40 @@ class DynamicsMethods(Dispatch):
         return self._call('center_of_mass_jacobian', (q,), out, t)
 
     @compiled
+    def centroidal_momentum(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                            out: Array | None = None) -> Array:
+        """
+        Return the momentum of moving bodies and payload, (6,), kg m/s and kg m^2/s.
+
+        Linear, then angular about `center_of_mass`, world axes. Rotors that armature
+        stands for have no part in it. Source: D. Orin, A. Goswami & S.-H. Lee,
+        "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.
+        """
+        return self._call('centroidal_momentum', (q, u), out, t)
+
+    @compiled
+    def centroidal_momentum_matrix(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                                   out: Array | None = None) -> Array:
+        """
+        Return the Jacobian of `centroidal_momentum` by the speeds, (6, n).
+
+        The momentum is this matrix times u, and that of the motion at u = 0 where speeds
+        or constraints depend on time.
+        """
+        return self._call('centroidal_momentum_matrix', (q,), out, t)
+
+    @compiled
+    def centroidal_momentum_rate(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                                 t: ArrayLike = 0.0, out: Array | None = None) -> Array:
+        """
+        Return the time derivative of `centroidal_momentum`, (6,), N and N m.
+
+        It is the wrench of the base and of gravity on the moving bodies, about their
+        center of mass.
+        """
+        return self._call('centroidal_momentum_rate', (q, u, udot), out, t)
+
+    @compiled
     def kinetic_energy(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Any:
         """Return 1/2 u^T M u, J; a float, or (N,) for a batch."""

@@ -231,6 +231,9 @@ def test_the_center_of_mass_is_the_mean_place_of_mass_and_its_jacobian_the_slope
     np.testing.assert_allclose(robot.center_of_mass_jacobian(q), slope, atol=1e-9)
     weight = -sum(masses) * robot.center_of_mass_jacobian(q).T @ robot.parameters.gravity
     np.testing.assert_allclose(robot.gravity_force(q), weight, atol=1e-11)
+    momentum = sum(masses) * robot.center_of_mass_jacobian(q)
+    np.testing.assert_allclose(robot.centroidal_momentum_matrix(q)[:3], momentum,
+                               atol=1e-11)
 
 
 def test_the_jacobian_of_the_center_of_mass_follows_the_independent_speeds():
@@ -265,6 +268,14 @@ def test_center_of_mass_and_operational_space_are_those_of_pinocchio(name):
                                    pin.centerOfMass(peer, data, q), atol=1e-12)
         np.testing.assert_allclose(robot.center_of_mass_jacobian(q),
                                    pin.jacobianCenterOfMass(peer, data, q), atol=1e-12)
+        udot = rng.normal(size=robot.n)
+        np.testing.assert_allclose(robot.centroidal_momentum_matrix(q),
+                                   pin.ccrba(peer, data, q, u), atol=1e-12)
+        np.testing.assert_allclose(robot.centroidal_momentum(q, u), data.hg.vector,
+                                   atol=1e-12)
+        rate = pin.computeCentroidalMomentumTimeVariation(peer, data, q, u, udot).vector
+        np.testing.assert_allclose(robot.centroidal_momentum_rate(q, u, udot), rate,
+                                   atol=1e-11)
         M = pin.crba(peer, data, q)
         M = np.triu(M) + np.triu(M, 1).T
         at = peer.getFrameId(frame)
