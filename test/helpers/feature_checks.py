@@ -266,7 +266,10 @@ def centroidal(case):
     at_rest = robot.centroidal_momentum(case.q, 0.0 * case.u, **case.t)
     A = robot.centroidal_momentum_matrix(case.q, **case.t)
     assert_close(A @ case.u + at_rest, expected)
-    rate = slope(lambda s: momentum(model, case.q + s * case.q_rate, qdot + s * qddot)[1])
+
+    def at_time(s):
+        return momentum(model, case.q + s * case.q_rate, qdot + s * qddot)[1]
+    rate = slope(at_time)
     assert_close(robot.centroidal_momentum_rate(case.q, case.u, case.udot, **case.t),
                  rate, CLOSED)
 
