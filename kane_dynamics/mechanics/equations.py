@@ -16,6 +16,7 @@ products with T there, so that its traced programs are those of the tree alone.
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -562,6 +563,12 @@ class Equations:
         # udot adds T udot to q'', and M_q times that to the joint forces.
         force = force_at_zero + M_q @ (motion.T @ udot)
         return motion, force, udot
+
+    def with_constants(self, **constants: Vector) -> 'Equations':
+        """Return equations with constants of `TreeEquations.with_constants`."""
+        result = copy(self)
+        result.tree = self.tree.with_constants(**constants)
+        return result
 
     # Torques of actuators, forces of constraints, loads of joints.
 

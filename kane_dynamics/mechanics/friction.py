@@ -61,6 +61,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array, Scalar
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.model.model import Joint, Model
 import numpy as np
 
@@ -82,8 +83,8 @@ def coulomb(rate: Scalar, friction_speed: Scalar) -> Scalar:
 
 def has_dry_friction(joint: Joint) -> bool:
     """Return whether a joint has friction that depends on the direction of motion."""
-    return bool(joint.friction or joint.friction_backward or joint.breakaway_friction
-                or carries_load(joint))
+    return bool(not is_zero(joint.friction) or joint.friction_backward
+                or joint.breakaway_friction or carries_load(joint))
 
 
 def is_nonlinear(joint: Joint) -> bool:

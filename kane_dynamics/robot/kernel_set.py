@@ -326,7 +326,7 @@ class KernelSet:
         if derivative is None:
             return arguments, shape
         # Cotangents and tangents come first, run-time parameters of each state last.
-        shapes = self.differentiable(name)
+        shapes = self.inputs(name)
         seeds = derivative.seeds(shapes, shape)
         blocks = [Argument(block, shapes[block]) for block in derivative.parameters]
         return [*seeds, *arguments, *blocks], derivative.shape(shapes, shape)
@@ -346,6 +346,23 @@ class KernelSet:
                 if part.stop <= physical:
                     shapes[block] = (part.stop - part.start,)
         return shapes
+
+    def constants(self, name: str) -> dict[str, Shape]:
+        """Return the shapes of constants of links and joints that may be arguments."""
+        equations = self.equations
+        if not self._quantity(name).parameters or equations.tree.flexible:
+            return {}
+        shapes: dict[str, Shape] = {}
+        # Speeds that are momenta depend on the inertia.
+        if equations.mechanism.speeds.key != 'momenta':
+            shapes['inertial_parameters'] = (self._sizes.inertial_parameters,)
+        if equations.friction and not equations.carries_loads:
+            shapes['damping'] = shapes['friction'] = (self._sizes.joints,)
+        return shapes
+
+    def inputs(self, name: str) -> dict[str, Shape]:
+        """Return the shapes of all that may be an argument of each state."""
+        return {**self.differentiable(name), **self.constants(name)}
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """Return the names of the arguments of a quantity, before wrench and time."""
@@ -442,9 +459,10 @@ class KernelSet:
                              f'{", ".join(self.names)}')
         return quantity if has_recursion else replace(quantity, shape=('n', 'slopes'))
 
-    def _method(self, name: str, at: str = '') -> Callable[..., Any]:
+    def _method(self, name: str, at: str = '',
+                equations: Equations | None = None) -> Callable[..., Any]:
         """Return the method of a quantity; InputError for an unknown part."""
-        equations = self.equations
+        equations = equations or self.equations
         if name in FRAME_QUANTITIES:
             return partial(getattr(equations, name), equations.model.frame(at))
         if name == 'joint_reaction':
@@ -602,7 +620,12 @@ class KernelSet:
             time = {}
             if 't' in by_name:
                 time['t'] = by_name['t'][()]
-            result = method(*values, **time)
+            evaluated = method
+            constants = {key: by_name[key] for key in self.constants(name)
+                         if key in by_name}
+            if constants:
+                evaluated = self._method(name, at, equations.with_constants(**constants))
+            result = evaluated(*values, **time)
             if derivative is not None:
                 result = derivative.traced(result, by_name)
 

@@ -31,6 +31,7 @@ from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.model import Body, Joint, with_payload
 from kane_dynamics.optimal_control import TrajectoryOptimizer
+from kane_dynamics.robot.frameworks.batch_function import batch_function
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
@@ -316,6 +317,31 @@ def by_body(case):
 def regressor(case):
     Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
     assert_close(Y @ case.robot.inertial_parameters, rigid(case))
+
+
+def constants(case):
+    """Compare torques with constants as arguments with those of another model."""
+    robot = case.robot
+    model = robot.model
+    names = ['inertial_parameters', 'damping', 'friction']
+    function = batch_function(robot, 'inverse_dynamics', '', names)
+    joints = model.coordinate_joints
+    values = [robot.inertial_parameters * 1.25,
+              np.array([1.5 * joint.damping for joint in joints]),
+              np.array([joint.friction + 0.1 for joint in joints])]
+    bodies = []
+    for body in model.bodies:
+        joint = body.joint
+        changed = replace(joint, damping=1.5 * joint.damping,
+                          friction=joint.friction + 0.1)
+        inertial = Inertial.from_pseudo_inertia(1.25 * body.inertial.pseudo_inertia)
+        bodies.append(replace(body, joint=changed, inertial=inertial))
+    heavier = Robot(replace(model, bodies=tuple(bodies)), **robot.options)
+    by_name = {'q': case.q, 'u': case.u, 'udot': case.udot, 'wrench': np.zeros((1, 6)),
+               't': np.array(case.time), **dict(zip(names, values))}
+    arguments = [by_name[argument.name] for argument in function.arguments]
+    assert_close(function(arguments),
+                 heavier.inverse_dynamics(case.q, case.u, case.udot, **case.t))
 
 
 def torque_bounds(case):

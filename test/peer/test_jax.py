@@ -417,3 +417,19 @@ def test_jax_export_is_refused_with_its_reason():
     with pytest.raises(ValueError,
                        match='custom calls whose targets have no compatibility'):
         export.export(function)(row, row, row)
+
+
+def test_gradients_by_constants_are_the_regressor_and_the_laws_of_friction():
+    robot = arm()
+    names = ['inertial_parameters', 'damping', 'friction']
+    function = robot.jax('inverse_dynamics', parameters=names)
+    q, u, udot = np.random.default_rng(3).uniform(-1.0, 1.0, (3, robot.n))
+    joints = robot.model.coordinate_joints
+    values = [robot.inertial_parameters, np.array([joint.damping for joint in joints]),
+              np.array([joint.friction for joint in joints])]
+    given = [q, u, udot, np.zeros((len(robot.options['wrench_frames']), 6)), *values]
+    gradients = jax.jacrev(function, argnums=(4, 5, 6))(*map(jnp.array, given))
+    speeds = np.array([joint.friction_speed for joint in joints])
+    for got, expected in zip(gradients, (robot.regressor(q, u, udot), np.diag(u),
+                                         np.diag(np.tanh(u / speeds)))):
+        np.testing.assert_allclose(got, expected, atol=1e-12)

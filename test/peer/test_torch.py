@@ -413,3 +413,19 @@ def test_without_torch_the_error_names_the_extra(monkeypatch):
     with pytest.raises(InputError,
                        match=r'robot.torch: .*pip install .kane_dynamics\[torch\]'):
         Robot(load_urdf('urdf/two_link.urdf')).torch('gravity_force')
+
+
+def test_gradients_by_constants_are_the_regressor_and_the_laws_of_friction():
+    robot = fr3()
+    names = ['inertial_parameters', 'damping', 'friction']
+    function = robot.torch('inverse_dynamics', parameters=names)
+    q, u, udot = np.random.default_rng(3).uniform(-1.0, 1.0, (3, robot.n))
+    joints = robot.model.coordinate_joints
+    constants = (robot.inertial_parameters, [joint.damping for joint in joints],
+                 [joint.friction for joint in joints])
+    gradients = torch.func.jacrev(function, argnums=(3, 4, 5))(
+        *tensors(q, u, udot, *constants))
+    speeds = np.array([joint.friction_speed for joint in joints])
+    for got, expected in zip(gradients, (robot.regressor(q, u, udot), np.diag(u),
+                                         np.diag(np.tanh(u / speeds)))):
+        np.testing.assert_allclose(got, expected, atol=1e-12)

@@ -42,9 +42,8 @@ def parameters_of(P: Array) -> Array:
 
 def pseudo_inertia_of(parameters: Array) -> Array:
     """Return the pseudo-inertia (4, 4) of ten parameters."""
-    inertia = np.empty((3, 3))
-    for (r, s), value in zip(ENTRIES, parameters[4:], strict=True):
-        inertia[r, s] = inertia[s, r] = value
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     first = parameters[1:4, None]
     return np.block([[0.5 * np.trace(inertia) * np.eye(3) - inertia, first],
                      [first.T, parameters[:1, None]]])

@@ -12,10 +12,12 @@ dual to both.
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 import math
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
@@ -149,6 +151,40 @@ class TreeEquations:
                       [hx, hy, hz, m]])
         pose = homogeneous(frame.rotation, frame.translation)
         return carrying(links, frame.body, pose, P)
+
+    def with_constants(self, inertial_parameters: Vector | None = None,
+                       damping: Vector | None = None,
+                       friction: Vector | None = None) -> 'TreeEquations':
+        """
+        Return equations with other constants of rigid bodies and joints, any scalars.
+
+        Parameters
+        ----------
+        inertial_parameters : (10 n_bodies,) array of scalars
+            In the order of `regressor`.
+        damping, friction : (n,) arrays of scalars
+            Viscous damping and Coulomb friction of the joints.
+
+        """
+        result = copy(self)
+        if inertial_parameters is not None:
+            tensors = []
+            for parameters in inertial_parameters.reshape(-1, 10):
+                tensors.append(regressor.pseudo_inertia_of(parameters))
+            for name in ('joint_links', 'geometry'):
+                links = []
+                for link, P in zip(getattr(self, name), tensors):
+                    on_link = link.body @ P @ link.body.T
+                    links.append(replace(link, pseudo_inertia=on_link))
+                result.__dict__[name] = tuple(links)
+        result.joints = list(map(copy, self.joints))
+        for joint in result.joints:
+            if joint.name not in self.model.joint_names:
+                continue  # a joint that mimics another one
+            for field, values in (('damping', damping), ('friction', friction)):
+                if values is not None:
+                    freeze(joint, field, values[joint.coordinate])
+        return result
 
     def _links_at(self, q: Vector,
                   links: Sequence[Link]) -> tuple[Sequence[Link], Vector]:

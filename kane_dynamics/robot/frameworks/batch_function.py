@@ -32,6 +32,7 @@ def batch_function(robot: Any, quantity: str, at: str,
     # Only what the quantity depends on, each once.
     differentiable = robot.kernels.differentiable(quantity)
     possible = [name for name in PARAMETERS if name in differentiable]
+    possible += robot.kernels.constants(quantity)
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     for k, name in enumerate(names):
         if name not in possible or name in names[:k]:
@@ -191,7 +192,7 @@ class BatchFunction:
     def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
                  rows: Sequence[Array], result: Array) -> None:
         """Raise InputError for numbers that are not finite other than by seeds."""
-        differentiable = self._kernels.differentiable(self._quantity)
+        differentiable = self._kernels.inputs(self._quantity)
         # Rows with numbers that are not finite; those of seeds are the caller's choice.
         bad = beyond(self._result, result)
         for argument, array, x in zip(self.arguments, arrays, rows):

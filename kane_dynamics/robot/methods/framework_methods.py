@@ -88,8 +88,10 @@ class FrameworkMethods(FrameMethods):
         name : str
             A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
         parameters : sequence of str
-            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as
-            in `vjp`. The others keep the values that they have now.
+            Parameters that are arguments: 'gravity', (3,), and 'payload', (10,), as in
+            `vjp`; 'inertial_parameters' of all bodies, (10 n_bodies,), as in
+            `regressor`; 'damping' and 'friction' of the joints, (n_j,). The others keep
+            the values that they have now.
 
         Returns
         -------
@@ -132,8 +134,10 @@ class FrameworkMethods(FrameMethods):
         name : str
             A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
         parameters : sequence of str
-            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as
-            in `vjp`. The others keep the values that they have now.
+            Parameters that are arguments: 'gravity', (3,), and 'payload', (10,), as in
+            `vjp`; 'inertial_parameters' of all bodies, (10 n_bodies,), as in
+            `regressor`; 'damping' and 'friction' of the joints, (n_j,). The others keep
+            the values that they have now.
         compiled : bool, optional
             True: functions compiled by `jit` call machine code by XLA's foreign function
             interface, or an error; False: they call Python (`jax.pure_callback`), which
