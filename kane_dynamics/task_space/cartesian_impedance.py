@@ -32,6 +32,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.lane_products import product, transpose
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
@@ -336,6 +337,37 @@ def joints_at_walls(law: CartesianImpedance, q: Array) -> list[str]:
 def wall_slopes(law: CartesianImpedance, q: Array) -> tuple[Array, Array]:
     """Return stiffness and damping of the walls that act at q, as of `JointWalls`."""
     return law._walls.slopes(q, law._shapes.unpacked(law._block))
+
+
+def null_space_spring(law: CartesianImpedance, q: Array, J: Array) -> tuple[Array, Array]:
+    """
+    Return stiffness and damping of a law in the null space of its frame, (n, n) each.
+
+    They are N^T T^T K T with the posture at q, and beta S; see `posture`.
+
+    Parameters
+    ----------
+    law : CartesianImpedance
+    q : (n_q,) array
+        rad or m.
+    J : (6, n) array
+        The Jacobian of the frame in the axes of the law.
+
+    """
+    robot = law.robot
+    values = law._shapes.unpacked(law._block)
+    M = robot.mass_matrix(q)
+    inverse = np.linalg.inv(M)
+    P = inverse @ J.T
+    inertia = TaskInertia(law._task, FrameMobility(inverse, J, P, J @ P, Lanes),
+                          values['singular_mass'])
+    T = np.stack([robot.joint_rates(q, speeds) for speeds in np.eye(robot.n)], axis=1)
+    held = T[law._walls.joints]
+    springs = held.T @ (values['posture_stiffness'][:, None] * held)
+    stiffness = np.stack([inertia.null_force(column) for column in springs.T], axis=1)
+    damping = [-null_damping(inertia, M[:, j], J[:, j], values['null_damping'])
+               for j in range(robot.n)]
+    return stiffness, np.stack(damping, axis=1)
 
 
 def posture_place(law: CartesianImpedance) -> slice:

@@ -29,6 +29,9 @@ from numpy.typing import ArrayLike
 FREE = 0.9  # of a velocity limit, which a law does not make a joint exceed
 HORIZON = 0.01  # s: time constant of the approach to it; several periods of a controller
 SLOW, RISING = 0.5, 0.8  # of the limit: the brake rises from none to its full torque
+# Between two states, s. A torque is late by a period: from HORIZON on brakes overshoot.
+# With 1.1 HORIZON motion grows only beyond ten times the speed limit.
+LONGEST_PERIOD = 1.1 * HORIZON
 STOPPING = 0.1  # s: time constant of the approach to a joint limit
 CREEPING = 0.02  # of the velocity limit, which is free at a joint limit and beyond it
 CROSSING = 1.0  # s: `CREEPING` is of at most a joint's range in this time

@@ -55,10 +55,10 @@ class JointSpring(NamedTuple):
                            self.by_ratio)
 
 
-def spring_of_walls(robot: Robot, q: Array, stiffness: Array, damping: Array
-                    ) -> JointSpring | None:
+def spring_of_joints(robot: Robot, q: Array, stiffness: Array, damping: Array
+                     ) -> JointSpring:
     """
-    Return the spring of the walls that act at q, in the independent speeds, if any act.
+    Return the springs and dampers of the joints at q in the independent speeds.
 
     Parameters
     ----------
@@ -67,11 +67,9 @@ def spring_of_walls(robot: Robot, q: Array, stiffness: Array, damping: Array
     q : (n_q,) array
         rad or m.
     stiffness, damping : (n_j,) arrays
-        Of the walls at the joints, as of `JointWalls.slopes`.
+        N m/rad or N/m; N m s/rad or N s/m.
 
     """
-    if not stiffness.any() and not damping.any():
-        return None
     T = np.stack([robot.joint_rates(q, speeds) for speeds in np.eye(robot.n)], axis=1)
     return JointSpring(T.T @ (stiffness[:, None] * T), T.T @ (damping[:, None] * T), False)
 

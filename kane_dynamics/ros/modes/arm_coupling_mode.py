@@ -112,7 +112,7 @@ class ArmCouplingMode(LiveLaw):
         """Return whether the force is at its limit, and why the arm is alone."""
         return TaskDescription(saturated=snapshot.detail)
 
-    def joint_spring(self, q: Array) -> JointSpring:
+    def springs(self, q: Array) -> dict[str, JointSpring]:
         """
         Return spring and damper of the coupling, of the independent speeds.
 
@@ -124,4 +124,4 @@ class ArmCouplingMode(LiveLaw):
         sides = 2.0 if self.law.engaged else 1.0
         stiffness = sides * self._settings['stiffness'][order]
         damping = sides * self._settings['damping'][order]
-        return JointSpring(np.diag(stiffness), np.diag(damping), False)
+        return {'stiffness': JointSpring(np.diag(stiffness), np.diag(damping), False)}

@@ -16,19 +16,21 @@ from kane_dynamics.ros.modes.cartesian_cycle import (CartesianCycle, memory_size
                                                      ORDERS_SIZE, target_of,
                                                      unpacked_memory)
 from kane_dynamics.ros.modes.cartesian_target import CartesianTarget
-from kane_dynamics.ros.modes.live_law import NativeLaw
+from kane_dynamics.ros.modes.live_law import NativeLaw, WALL
 from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
                                                         controlled_frame, differ,
                                                         target_limits)
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           compile_state, impedance_law,
-                                                          joints_at_walls, posture_place,
-                                                          wall_slopes)
+                                                          joints_at_walls,
+                                                          null_space_spring,
+                                                          posture_place, wall_slopes)
+from kane_dynamics.task_space.joint_speed_limits import LONGEST_PERIOD
 from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
-from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_walls
+from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_joints
 import numpy as np
 
 NEAR = 0.999  # of a limit of the target, above which it is reported
@@ -64,6 +66,7 @@ class CartesianMode(NativeLaw):
     """
 
     pose: Array | None = None  # no joint positions are held
+    longest_period = LONGEST_PERIOD
 
     def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
         self.frame = controlled_frame(values, robot.model)
@@ -248,8 +251,13 @@ class CartesianMode(NativeLaw):
         if not np.array_equal(posture, described[0]) or self._settings is not described[1]:
             self._describing.update(**{'posture': posture, **self._settings})
 
-    def joint_spring(self, q: Array) -> JointSpring:
-        """Return J^T K J and J^T D J of the frame at q, (n_q,), with the target there."""
+    def springs(self, q: Array) -> dict[str, JointSpring]:
+        """
+        Return the springs and dampers at q, (n_q,), with target and posture there.
+
+        They are J^T K J and J^T D J of the frame; damper and spring in its null space; and
+        the walls.
+        """
         robot = self._robot
         self._describe_with(q)
         pose = robot.frame_pose(self.frame, q)
@@ -261,11 +269,14 @@ class CartesianMode(NativeLaw):
         # The damper follows from inertia and spring: its wrench at unit speeds states it.
         wrenches = [self._describing.state(q, speeds, pose).wrench
                     for speeds in np.eye(robot.n)]
-        return JointSpring(stiffness, -J.T @ np.stack(wrenches, axis=1), by_ratio=True)
-
-    def wall_spring(self, q: Array) -> JointSpring | None:
-        """Return the walls that act at a position, (n_q,); None without walls."""
-        return spring_of_walls(self._robot, q, *wall_slopes(self._describing, q))
+        # The frame's spring, those of its null space, then the walls.
+        frame = JointSpring(stiffness, -J.T @ np.stack(wrenches, axis=1), by_ratio=True)
+        posture, damping = null_space_spring(self._describing, q, J)
+        return {
+            'stiffness': frame,
+            'null-space damping': JointSpring(np.zeros_like(damping), damping, False),
+            'posture stiffness': JointSpring(posture, np.zeros_like(posture), False),
+            WALL: spring_of_joints(robot, q, *wall_slopes(self._describing, q))}
 
     def _rotation(self, desired: Array) -> Array:
         """Return the axes of the law as columns, in the world, for a desired pose."""

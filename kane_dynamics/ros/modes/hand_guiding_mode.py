@@ -9,15 +9,16 @@ from kane_dynamics.control.traced_laws import LawInput, TracedLaw
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.modes.live_law import NativeLaw
+from kane_dynamics.ros.modes.live_law import NativeLaw, WALL
 from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.ros.parameters.parameter_checks import terms
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
                                                         guiding_settings)
 from kane_dynamics.task_space.hand_guiding import (hand_guiding_law, HandGuiding,
                                                    wall_slopes)
+from kane_dynamics.task_space.joint_speed_limits import LONGEST_PERIOD
 from kane_dynamics.task_space.law_kernel import settings_of
-from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_walls
+from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_joints
 import numpy as np
 
 
@@ -41,6 +42,7 @@ class HandGuidingMode(NativeLaw):
     """
 
     pose: Array | None = None  # no positions are held
+    longest_period = LONGEST_PERIOD
 
     def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
         self._robot = robot
@@ -115,14 +117,12 @@ class HandGuidingMode(NativeLaw):
             saturated.append('wall')
         return TaskDescription(saturated=tuple(saturated))
 
-    def joint_spring(self, q: Array) -> JointSpring | None:
-        """Return the damper of the joints at a position, (n_q,); None without."""
+    def springs(self, q: Array) -> dict[str, JointSpring]:
+        """Return the damper of the joints, and the walls that act at q, (n_q,)."""
         damping = self._settings['damping']
-        return spring_of_walls(self._robot, q, np.zeros_like(damping), damping)
-
-    def wall_spring(self, q: Array) -> JointSpring | None:
-        """Return the walls that act at a position, (n_q,); None without walls."""
-        return spring_of_walls(self._robot, q, *wall_slopes(self.law, q))
+        robot = self._robot
+        return {'damping': spring_of_joints(robot, q, np.zeros_like(damping), damping),
+                WALL: spring_of_joints(robot, q, *wall_slopes(self.law, q))}
 
     # On the native torque path.
 

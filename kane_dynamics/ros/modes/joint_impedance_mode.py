@@ -90,7 +90,7 @@ class JointImpedanceMode(NativeLaw):
             self._pose = q[self._places].copy()
         return self.law.torque(q, u, self._pose, t=t)
 
-    def joint_spring(self, q: Array) -> JointSpring:
+    def springs(self, q: Array) -> dict[str, JointSpring]:
         """Return spring and damper of the joints, for the inertia at q, (n_q,)."""
         robot = self._robot
         # The independent speeds of an arm of the node are rates of joints that follow.
@@ -100,10 +100,11 @@ class JointImpedanceMode(NativeLaw):
         stiffness = settings['stiffness'][order]
         stated = settings['damping']
         if stated is not None:
-            return JointSpring(np.diag(stiffness), np.diag(stated[order]), False)
+            return {'stiffness': JointSpring(np.diag(stiffness), np.diag(stated[order]),
+                                             False)}
         ratio = settings['damping_ratio'][order]
         damping = damping_by_ratio(robot.mass_matrix(q), stiffness, ratio)
-        return JointSpring(np.diag(stiffness), damping, True)
+        return {'stiffness': JointSpring(np.diag(stiffness), damping, True)}
 
     @property
     def pose(self) -> Array | None:

@@ -1,6 +1,7 @@
 """The interfaces of the laws of modes, with what most of them share."""
 
 from collections.abc import Mapping
+import math
 from typing import Any, Protocol
 
 from kane_dynamics._util.typing import Array
@@ -11,6 +12,7 @@ from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 
 NOTHING = np.zeros(0)
+WALL = 'stiffness of its wall'  # the gain of walls at joint limits
 
 
 class LiveLaw(ModeLaw, Protocol):
@@ -18,7 +20,16 @@ class LiveLaw(ModeLaw, Protocol):
     A law whose settings follow the parameters of the node.
 
     Defaults are those of a law without memory that does nothing at the frame.
+
+    Attributes
+    ----------
+    longest_period : float
+        Largest time between two joint states with which its brakes of fast joints are
+        stable, s.
+
     """
+
+    longest_period: float = math.inf
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless parameters fit the arm."""
@@ -44,21 +55,14 @@ class LiveLaw(ModeLaw, Protocol):
         """Return a description of the law at a state; called in the services' thread."""
         return TaskDescription()
 
-    def joint_spring(self, q: Array) -> JointSpring | None:
+    def springs(self, q: Array) -> Mapping[str, JointSpring]:
         """
-        Return spring and damper of the law in the independent speeds; None without.
+        Return the springs and dampers of the law in the independent speeds, by their gain.
 
-        Called in the services' thread, at a position (n_q,), with the target there.
+        Called in the services' thread, at a position (n_q,), with the target there. Each
+        one has to be stable beside those before it.
         """
-        return None
-
-    def wall_spring(self, q: Array) -> JointSpring | None:
-        """
-        Return the walls that act at a position in the independent speeds; None without.
-
-        Called in the services' thread.
-        """
-        return None
+        return {}
 
 
 class NativeLaw(LiveLaw):

@@ -19,7 +19,7 @@ class Feedback(NamedTuple):
     ----------
     spring : JointSpring
     other : JointSpring or None
-        Another spring that acts as well, and keeps its stiffness.
+        The springs that act as well, and keep their stiffness.
     inertia : (n, n) array
         kg m^2 or kg.
     joints : sequence of n str
@@ -74,6 +74,11 @@ def instability(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode
                 f'each; expected at most {100.0 * share:.2g}% of the {feedback.gain}'
                 + f' ({values})' * bool(values) + ', states more often, or the inertia of '
                 'the rotors as `armature` in the supplement')
+    law = laws.get(mode)
+    if law is not None and period > law.longest_period:
+        return (f'{mode}: joint states each {period * 1e3:.3g} ms, with which brakes of '
+                f'fast joints swing up; expected states at least each '
+                f'{law.longest_period * 1e3:.3g} ms')
     return ''
 
 
@@ -90,18 +95,13 @@ def _feedbacks(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode,
     law = laws.get(mode)
     if law is None:
         return []
-    # The law as a spring and damper about this state, then the walls beside it.
-    springs = law.joint_spring(q)
-    walls = law.wall_spring(q)
-    if springs is None and walls is None:
-        return []
     inertia = robot.mass_matrix(q)
     names = tuple(robot.speed_names)
     feedbacks = []
-    if springs is not None:
-        gain = 'stiffness' if springs.stiffness.any() else 'damping'
-        feedbacks.append(Feedback(springs, None, inertia, names, gain))
-    if walls is not None:
-        feedbacks.append(Feedback(walls, springs, inertia, names,
-                                  'stiffness of its wall'))
+    # Each spring beside those before it, which are stable without it.
+    before: JointSpring | None = None
+    for gain, spring in law.springs(q).items():
+        if spring.stiffness.any() or spring.damping.any():
+            feedbacks.append(Feedback(spring, before, inertia, names, gain))
+            before = spring.beside(before)
     return feedbacks

@@ -116,6 +116,69 @@ def test_a_law_that_is_called_unstable_throws_the_arm_and_the_share_it_names_doe
     assert words == '' and speed < 0.01
 
 
+@pytest.mark.parametrize(('name', 'value', 'gain'), [
+    ('cartesian.posture_stiffness', 1e4, 'posture stiffness'),
+    ('cartesian.null_damping', 400.0, 'null-space damping')])
+def test_springs_of_the_null_space_are_judged_by_the_motion_they_make(name, value, gain):
+    weak = {'cartesian.stiffness': [100.0] * 3 + [3.0] * 3}
+    words, speed = fastest(Mode.CARTESIAN_IMPEDANCE, 0.004, {**weak, name: value})
+    assert f'% of the {gain}' in words and speed > 0.5
+    share = float(words.split('at most ')[1].split('%')[0]) / 100.0
+    words, speed = fastest(Mode.CARTESIAN_IMPEDANCE, 0.004,
+                           {**weak, name: 0.9 * share * value})
+    assert words == '' and speed < 0.02
+
+
+def test_springs_of_the_frame_and_of_its_null_space_are_those_of_the_law():
+    """Central differences of the torques of the law itself."""
+    values = node_values({'mode': 'cartesian_impedance',
+                          'cartesian.posture_stiffness': 20.0})
+    mode = TaskModes(ROBOT, values).laws[Mode.CARTESIAN_IMPEDANCE]
+    springs = [spring for gain, spring in mode.springs(HOME).items() if 'wall' not in gain]
+    mode.law.update(posture=HOME)
+    at_rest = np.zeros(7)
+    pose = ROBOT.frame_pose(mode.frame, HOME)
+    h = 1e-6
+    for k, e in enumerate(h * np.eye(7)):
+        gravity = ROBOT.gravity_force(HOME + e) - ROBOT.gravity_force(HOME - e)
+        stretched = (mode.law.torque(HOME - e, at_rest, pose)
+                     - mode.law.torque(HOME + e, at_rest, pose) + gravity)
+        np.testing.assert_allclose(stretched / (2 * h),
+                                   sum(spring.stiffness[:, k] for spring in springs),
+                                   rtol=1e-5, atol=1e-3)
+        damped = (mode.law.torque(HOME, -e, pose) - mode.law.torque(HOME, e, pose))
+        np.testing.assert_allclose(damped / (2 * h),
+                                   sum(spring.damping[:, k] for spring in springs),
+                                   rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize('mode', [Mode.HAND_GUIDING, Mode.CARTESIAN_IMPEDANCE])
+@pytest.mark.parametrize('period', [0.01, 0.03])
+def test_brakes_of_fast_joints_need_a_rate_of_states_and_throw_the_arm_below_it(
+        mode, period):
+    """Joints begin three times as fast as a speed limit, without springs."""
+    values = node_values({'mode': str(mode), 'walls.stiffness': 0.0,
+                          'cartesian.stiffness': [0.0] * 6, 'cartesian.null_damping': 0.0,
+                          'cartesian.posture_stiffness': 0.0})
+    laws = TaskModes(ROBOT, values).laws
+    words = instability(Controller(ROBOT, mode=mode, laws=laws), laws, mode, HOME, period)
+    assert ('brakes of fast joints' in words) == (period > 0.011)
+    limits = 0.2 * ROBOT.limits.velocity
+    laws[mode].law.update(speed_limit=limits)
+    pose = [ROBOT.frame_pose('fr3_link7', HOME)] * (mode is not Mode.HAND_GUIDING)
+    q, u = HOME.copy(), 3.0 * limits * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    acting = ROBOT.gravity_force(q)
+    speeds = []
+    for _ in range(round(1.5 / period)):
+        torque = laws[mode].law.torque(q, u, *pose)
+        for _ in range(100):
+            u = u + 0.01 * period * ROBOT.forward_dynamics(q, u, acting)
+            q = q + 0.01 * period * u
+        acting = torque
+        speeds.append(np.abs(u).max())
+    assert (max(speeds) > 10.0) if words else (speeds[-1] < 1.2 * limits.max())
+
+
 def test_modes_without_feedback_are_stable_at_any_rate():
     controller = Controller(ROBOT)
     for mode in (Mode.GRAVITY_COMPENSATION, Mode.INVERSE_DYNAMICS):
