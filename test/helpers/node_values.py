@@ -21,8 +21,9 @@ def node_values(changes=None):
         name: read(BY_NAME[name], value) for name, value in (changes or {}).items()}
 
 
-def served_robot(robot, changes=None, measured=lambda: None):
+def served_robot(robot, changes=None, measured=lambda: None, speeds=lambda: None):
     """Return a robot as the services have it, with parameters by name."""
     robot = robot.copy()
     return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity),
-                       node_values(changes), WrenchFrames(robot), measured=measured)
+                       node_values(changes), WrenchFrames(robot), measured=measured,
+                       measured_speeds=speeds)

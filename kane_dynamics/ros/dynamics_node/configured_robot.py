@@ -774,4 +774,5 @@ class ConfiguredRobot:
         self._server.served = ServedRobot(self._for_requests, self._for_simulations,
                                           self.loads, self.values, self._request_frames,
                                           self._bending_for_requests, self.path.measured,
+                                          self.path.measured_speeds,
                                           self.later_kernels.require)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics.control.computed_torque import joints_that_follow
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import (driving_tracker,
@@ -19,6 +20,7 @@ from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+from kane_dynamics.ros.parameters.task_settings import joint_stiffness
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.torque_path.state_check import looks_like_degrees, speed_limits
 import numpy as np
@@ -77,6 +79,8 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
     # Efforts follow from a motion of all joints that determine the others.
     if set(joints_that_follow(served.robot)) <= _places(served, names):
         _check_efforts(served, motion)
+        if place is not None:
+            _check_first_effort(served, motion, place, max(moment, 0.0))
 
 
 def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
@@ -199,6 +203,31 @@ def _check_efforts(served: ServedRobot, motion: Motion) -> None:
     times = _times(motion, MOST_TIMES if direct else MOST_CLOSURES)
     tau = motion_efforts(served, motion, times, motion.sample(times))
     _check_limit('effort', motion, robot.joint_names, times, tau, limit, factor)
+
+
+def _check_first_effort(served: ServedRobot, motion: Motion, place: Array,
+                        moment: float) -> None:
+    """Raise InputError if the offset at the start asks a law for more effort than allowed."""
+    robot = served.robot
+    values = served.values
+    mode = Mode(values['mode'])
+    columns = _indices(served, motion.joint_names)
+    times = np.array([moment])
+    q, u, udot = motion.sample(times)
+    offset = q - place
+    # The spring of the law acts on the acceleration, or on the torque of each joint.
+    spring = np.zeros(len(robot.joint_names))
+    if mode is Mode.COMPUTED_TORQUE:
+        udot = udot + per_joint(values, 'gains.kp', robot.joint_names, 0.0)[columns] * offset
+    elif mode is Mode.JOINT_IMPEDANCE:
+        spring[columns] = joint_stiffness(values, robot)[columns] * offset[0]
+    else:
+        return
+    stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
+    tau = motion_efforts(served, motion, times, (q, u, udot)) + spring
+    _check_limit('effort with the distance from the arm', motion, robot.joint_names, times,
+                 tau, np.minimum(robot.limits.effort, stated),
+                 values['trajectory.limit_factor'])
 
 
 def motion_efforts(served: ServedRobot, motion: Motion, times: Array,

@@ -36,6 +36,8 @@ class ServedRobot:
         inverse dynamics.
     measured : callable
         Returns the measured positions, (n,), or None.
+    measured_speeds : callable
+        Returns the speeds of that state, (n,), or None.
     require_kernels : callable
         `LaterKernels.require`; for workers.
 
@@ -48,6 +50,7 @@ class ServedRobot:
     frames: WrenchFrames
     bending: QuasiStatic | None = None
     measured: Callable[[], Array | None] = lambda: None
+    measured_speeds: Callable[[], Array | None] = lambda: None
     require_kernels: Callable[..., bool] = lambda group, proceed=None: True
 
     def apply_loads(self) -> None:

@@ -167,7 +167,16 @@ def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequen
         place = measured[list(map(joints.index, names))]
         start = place, None, None
     motion = Motion.from_points(*points, joint_names=names, start=start)
-    refuse_impossible(served, motion, place if executed else None)
+    if not executed or place is None:
+        refuse_impossible(served, motion)
+        return
+    # A motion that is executed on receipt begins at the speed of the arm, too.
+    rates: Array | None = None
+    speeds = served.measured_speeds()
+    if measured is not None and speeds is not None:
+        rates = served.robot.joint_rates(measured, speeds)
+        rates = rates[list(map(joints.index, names))]
+    refuse_impossible(served, motion, place, speeds=rates)
 
 
 def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],

@@ -211,6 +211,48 @@ def test_a_motion_sets_out_at_the_speed_of_the_arm_and_ends_at_rest(fault):
         refuse_impossible(served(), late, HOME, 0.0, still)
 
 
+def test_what_is_filled_to_be_executed_at_once_begins_at_the_speed_of_the_arm():
+    times, rows, speeds = with_speeds(-0.5, 0.0)
+    message = trajectory(times, rows)
+    for point, velocity in zip(message.points, speeds):
+        point.velocities = velocity.tolist()
+
+    def fill(rates):
+        return filled_message(served_robot(ARM, {}, lambda: HOME, lambda: rates),
+                              serialize_message(message))
+    with pytest.raises(KaneError, match=r'velocity -0\.5 .* sets out \(0 s\); expected 0,'):
+        fill(np.zeros(7))
+    fill(speeds[0])
+    message.header.stamp.sec = 2_000_000_000  # the arm may have this speed by then
+    fill(np.zeros(7))
+
+
+@pytest.mark.parametrize(('mode', 'gains', 'joint'), [
+    ('computed_torque', {'gains.kp': 2000.0}, 1),
+    ('joint_impedance', {'joint_impedance.stiffness': 600.0}, 4)])
+def test_the_effort_that_the_distance_from_the_arm_asks_for_is_a_part_of_the_check(
+        mode, gains, joint):
+    arm = served({'mode': mode, **gains})
+    slow = motion([0.0, 5.0], [HOME, NEAR])
+    limits = 1.2 * LIMITS.effort
+    refused = 0
+    for offset in (0.0, 0.01, 0.03, 0.06, 0.099):
+        place = home_moved(joint, -offset)
+        u, udot = slow.sample(0.0)[1:]
+        if mode == 'computed_torque':
+            tau = ARM.inverse_dynamics(HOME, u, udot + 2000.0 * (HOME - place))
+        else:
+            tau = ARM.inverse_dynamics(HOME, u, udot) + 600.0 * (HOME - place)
+        if (np.abs(tau) <= limits).all():
+            refuse_impossible(arm, slow, place)
+            continue
+        refused += 1
+        with pytest.raises(KaneError, match='effort with the distance from the arm'):
+            refuse_impossible(arm, slow, place)
+    assert 0 < refused < 4
+    refuse_impossible(served({**gains}), slow, place)  # feedforward alone
+
+
 speeds_of_ends = st.sampled_from([0.0, 0.0, 1e-9, 0.02, -0.1, 0.4, 2.0])
 
 

@@ -134,7 +134,8 @@ def test_springs_of_the_frame_and_of_its_null_space_are_those_of_the_law():
     values = node_values({'mode': 'cartesian_impedance',
                           'cartesian.posture_stiffness': 20.0})
     mode = TaskModes(ROBOT, values).laws[Mode.CARTESIAN_IMPEDANCE]
-    springs = [spring for gain, spring in mode.springs(HOME).items() if 'wall' not in gain]
+    springs = mode.springs(HOME)
+    springs.pop('stiffness of its wall')
     mode.law.update(posture=HOME)
     at_rest = np.zeros(7)
     pose = ROBOT.frame_pose(mode.frame, HOME)
@@ -144,11 +145,11 @@ def test_springs_of_the_frame_and_of_its_null_space_are_those_of_the_law():
         stretched = (mode.law.torque(HOME - e, at_rest, pose)
                      - mode.law.torque(HOME + e, at_rest, pose) + gravity)
         np.testing.assert_allclose(stretched / (2 * h),
-                                   sum(spring.stiffness[:, k] for spring in springs),
+                                   sum(x.stiffness[:, k] for x in springs.values()),
                                    rtol=1e-5, atol=1e-3)
         damped = (mode.law.torque(HOME, -e, pose) - mode.law.torque(HOME, e, pose))
         np.testing.assert_allclose(damped / (2 * h),
-                                   sum(spring.damping[:, k] for spring in springs),
+                                   sum(x.damping[:, k] for x in springs.values()),
                                    rtol=1e-5, atol=1e-4)
 
 
@@ -158,10 +159,12 @@ def test_brakes_of_fast_joints_need_a_rate_of_states_and_throw_the_arm_below_it(
         mode, period):
     """Joints begin three times as fast as a speed limit, without springs."""
     values = node_values({'mode': str(mode), 'walls.stiffness': 0.0,
-                          'cartesian.stiffness': [0.0] * 6, 'cartesian.null_damping': 0.0,
+                          'cartesian.stiffness': [0.0] * 6,
+                          'cartesian.null_damping': 0.0,
                           'cartesian.posture_stiffness': 0.0})
     laws = TaskModes(ROBOT, values).laws
-    words = instability(Controller(ROBOT, mode=mode, laws=laws), laws, mode, HOME, period)
+    controller = Controller(ROBOT, mode=mode, laws=laws)
+    words = instability(controller, laws, mode, HOME, period)
     assert ('brakes of fast joints' in words) == (period > 0.011)
     limits = 0.2 * ROBOT.limits.velocity
     laws[mode].law.update(speed_limit=limits)
