@@ -144,6 +144,10 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
     if arm.drift is not None and arm.drift.warning:
         warnings.append(arm.drift.warning)
 
+    if arm.path.speeds_unjudged:
+        warnings.append('joint states: cannot judge whether velocities fit positions: '
+                        f'{arm.path.speeds_unjudged}')
+
     # Joint states that came and were refused, then those that never came.
     if dropped:
         reasons = []

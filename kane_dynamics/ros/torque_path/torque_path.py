@@ -21,7 +21,8 @@ from kane_dynamics.control_cycle.cycle_results import NEVER
 from kane_dynamics.control_cycle.cycle_rules import (begun_stop, CycleSettings, Event,
                                                      initial_path, NO_REQUEST, PathShape,
                                                      PathState)
-from kane_dynamics.control_cycle.state_judgement import UNLIMITED
+from kane_dynamics.control_cycle.state_judgement import (COMPARISONS, SPEED_WINDOW,
+                                                         UNLIMITED)
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.cdr import STAMP, STAMP_AT
@@ -837,6 +838,24 @@ class TorquePath:
             lasted = now - self._epoch - float(path.refused_since)
             self._report_fault('fault', f'{reason} for {lasted / NANO:.3f} s; '
                                f'{self.reaction}' + ', desired motion dropped' * dropped)
+
+    @property
+    def speeds_unjudged(self) -> str:
+        """Return why speeds cannot be compared with positions; empty where they are."""
+        check = self.states
+        if not check.compares_speeds:
+            return ''  # no law uses them
+        period = self.period
+        seldom = (f'states each {1e3 * period:.3g} ms; expected less than '
+                  f'{1e3 * min(SPEED_WINDOW / COMPARISONS, check.grace / NANO):.3g} ms, '
+                  'because speeds are integrated over some states')
+        if self.known and period and self._memory.path.states.comparisons <= COMPARISONS:
+            return seldom
+        unlimited = np.compress(check.bounds[3] == 0.0, self._reader.joints)
+        if not len(unlimited):
+            return ''
+        return (f'no speed limit of {", ".join(unlimited)}; expected one in the URDF or in '
+                'limits.velocity')
 
     def _note_speeds(self) -> None:
         """Report speeds that contradict the positions, once for each joint."""

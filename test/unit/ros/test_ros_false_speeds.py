@@ -5,7 +5,8 @@ Drivers lie about speeds in few ways, and all drivers have noise, filters, delay
 resolution, which are no lie.
 """
 
-from collections import deque
+from collections import Counter, deque
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,14 @@ import pytest
 pytest.importorskip('rclpy')
 
 from false_states import FAULT, NANO, PERIOD  # noqa: E402, I100
-from kane_dynamics import Controller, Robot  # noqa: E402
+from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402
+from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control_cycle.state_judgement import (  # noqa: E402
     CheckSettings, judged, StateMemory)
+from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.dynamics_node.node_diagnostics import (  # noqa: E402
+    active_status, OK, WARN)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import native_path  # noqa: E402
 from node_values import node_values  # noqa: E402
@@ -137,3 +142,38 @@ def test_states_of_a_recorded_arm_are_accepted_and_lies_are_found(recording, urd
     for factor in (0.0, -1.0):
         wrong, _ = false_speeds(factor)
         assert set(wrong) >= set(joints[:3])
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+def test_where_speeds_cannot_be_judged_the_diagnostics_say_so(make):
+    limited = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+    free = limited.copy()
+    limits = limited.limits
+    free.limits = JointLimits(limits.lower, limits.upper, [np.inf, 2.0], limits.effort)
+
+    def message(robot, mode, period):
+        now = [NANO]
+        values = node_values({'mode': mode})
+        path = make(Controller(robot, mode=mode), Unread(), Unread(), lambda: now[0],
+                    values, Statistics(), lambda *words: None)
+        path.start()
+        for k in range(40):
+            now[0] += round(period * NANO)
+            state = JointState(name=list(robot.joint_names), position=[0.01 * k, 0.2],
+                               velocity=[0.01 / period, 0.0])
+            state.header.stamp.sec, state.header.stamp.nanosec = divmod(now[0], NANO)
+            path.on_state(serialize_message(state))
+        parts = SimpleNamespace(collision=None, model_change=None)
+        arm = SimpleNamespace(path=path, guard=None, swing=None, drift=None,
+                              commanders=[], state_publishers=1, parts_of_states=[],
+                              optional_topics=parts)
+        return active_status(arm, 100.0, Counter(), 0.0)
+    level, words = message(limited, 'computed_torque', 0.01)
+    assert level == OK and 'cannot judge' not in words
+    level, words = message(limited, 'computed_torque', 0.06)
+    assert level == WARN
+    assert 'cannot judge whether velocities fit positions: states each 60 ms' in words
+    level, words = message(free, 'computed_torque', 0.01)
+    assert level == WARN and 'no speed limit of joint1; expected one' in words
+    level, words = message(free, 'gravity_compensation', 0.06)
+    assert level == OK

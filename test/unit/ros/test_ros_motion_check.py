@@ -220,7 +220,7 @@ def test_what_is_filled_to_be_executed_at_once_begins_at_the_speed_of_the_arm():
     def fill(rates):
         return filled_message(served_robot(ARM, {}, lambda: HOME, lambda: rates),
                               serialize_message(message))
-    with pytest.raises(KaneError, match=r'velocity -0\.5 .* sets out \(0 s\); expected 0,'):
+    with pytest.raises(KaneError, match=r'velocity -0\.5 .* out \(0 s\); expected 0,'):
         fill(np.zeros(7))
     fill(speeds[0])
     message.header.stamp.sec = 2_000_000_000  # the arm may have this speed by then
