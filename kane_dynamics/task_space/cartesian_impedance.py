@@ -348,6 +348,7 @@ def null_space_spring(law: CartesianImpedance, q: Array, J: Array) -> tuple[Arra
     Parameters
     ----------
     law : CartesianImpedance
+        With its present settings.
     q : (n_q,) array
         rad or m.
     J : (6, n) array

@@ -7,6 +7,7 @@ import warnings
 
 from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
 from kane_dynamics._util.resources import resource_path
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.mechanics.friction import AHEAD, DESIRED_SPEED
@@ -19,6 +20,7 @@ PACKAGE = 'kane_dynamics'
 BEFORE_XML = '\ufeff \t\r\n'
 NEAR = 0.1  # rad or m: no locked joint is farther from 0 by noise and offsets
 LITTLE = 0.01
+VERTICAL = 1e-3  # rad: an axis so near gravity turns no weight
 MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thousand
 
 
@@ -106,7 +108,8 @@ def locked_joints(source: str | bytes | Path, prefix: str,
 
     Each has the largest position, rad or m, at which it may be instead: the weight that
     it carries then changes the torques by at most `LITTLE` of the weakest motor. Joints that
-    change no torque, as those of wheels, of another arm and of a lift below, are not named.
+    change no torque, as those of wheels, of another arm, of a lift below and of a base that
+    turns about the vertical, are not named.
     """
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
@@ -126,7 +129,8 @@ def locked_joints(source: str | bytes | Path, prefix: str,
             continue
         # What moving joints carry changes their torques, and what turns the arm as a whole.
         is_carried = any(i in whole.path(k) for i in moving)
-        turns_arm = name not in whole.sliding and any(k in whole.path(i) for i in moving)
+        turns_arm = (name not in whole.sliding and any(k in whole.path(i) for i in moving)
+                     and not _is_vertical(whole, k, model.gravity))
         if not is_carried and not turns_arm:
             continue
         carried = [i for i in range(len(whole.bodies)) if k in whole.path(i)]
@@ -135,6 +139,15 @@ def locked_joints(source: str | bytes | Path, prefix: str,
         change = float(weights[carried].sum()) * arm
         allowed[prefixed] = max(NEAR, LITTLE * weakest / max(change, 1e-12))
     return allowed
+
+
+def _is_vertical(model: Model, body: int, gravity: Array) -> bool:
+    """Return whether a body's joint turns about gravity, with the joints below it at 0."""
+    axis = model.bodies[body].joint.axis
+    for k in model.path(body):
+        axis = model.bodies[k].joint.rotation @ axis
+    across = np.linalg.norm(np.cross(axis, gravity))
+    return bool(across <= VERTICAL * np.linalg.norm(gravity))
 
 
 def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:

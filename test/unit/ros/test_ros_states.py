@@ -102,10 +102,11 @@ def test_locked_joints_may_be_where_they_change_the_torques_little(arm, joints, 
     assert locked_joints(path, '', load_urdf(path)) == {}
 
 
-def test_wheels_another_arm_and_a_lift_below_may_be_anywhere():
+def test_wheels_another_arm_and_a_lift_or_a_vertical_axis_below_may_be_anywhere():
     # A mobile robot with two arms publishes all of its joints in one message.
     joints = [('wheel', 'base', 'continuous', '0 1 0'),
-              ('lift', 'base', 'prismatic', '0 0 1'),
+              ('yaw', 'base', 'revolute', '0 0 -1'),
+              ('lift', 'yaw', 'prismatic', '0 0 1'),
               ('tilt', 'lift', 'revolute', '0 1 0')]
     for side in ('left', 'right'):
         joints += [(f'{side}_arm', 'tilt', 'revolute', '0 1 0'),
@@ -120,7 +121,10 @@ def test_wheels_another_arm_and_a_lift_below_may_be_anywhere():
     model = load_urdf(text, joints=['left_arm'])
     allowed = locked_joints(text, '', model)
     assert set(allowed) == {'tilt', 'left_slide'}
-    others = {'wheel': 4.0, 'lift': 0.3, 'right_arm': 1.2, 'right_slide': 0.3}
+    # A base on a wall has another gravity: its first axis turns the weight of the arm.
+    on_a_wall = load_urdf(text, joints=['left_arm'], gravity=(9.81, 0.0, 0.0))
+    assert set(locked_joints(text, '', on_a_wall)) == {'yaw', 'tilt', 'left_slide'}
+    others = {'wheel': 4.0, 'yaw': 1.1, 'lift': 0.3, 'right_arm': 1.2, 'right_slide': 0.3}
     moved = Robot(load_urdf(text, joints=['left_arm'], locked=others))
     gravity = Robot(model).gravity_force([0.3])
     np.testing.assert_allclose(moved.gravity_force([0.3]), gravity, rtol=1e-12)
