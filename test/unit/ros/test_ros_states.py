@@ -124,7 +124,8 @@ def test_wheels_another_arm_and_a_lift_or_a_vertical_axis_below_may_be_anywhere(
     # A base on a wall has another gravity: its first axis turns the weight of the arm.
     on_a_wall = load_urdf(text, joints=['left_arm'], gravity=(9.81, 0.0, 0.0))
     assert set(locked_joints(text, '', on_a_wall)) == {'yaw', 'tilt', 'left_slide'}
-    others = {'wheel': 4.0, 'yaw': 1.1, 'lift': 0.3, 'right_arm': 1.2, 'right_slide': 0.3}
+    others = {'wheel': 4.0, 'yaw': 1.1, 'lift': 0.3, 'right_arm': 1.2,
+              'right_slide': 0.3}
     moved = Robot(load_urdf(text, joints=['left_arm'], locked=others))
     gravity = Robot(model).gravity_force([0.3])
     np.testing.assert_allclose(moved.gravity_force([0.3]), gravity, rtol=1e-12)
