@@ -19,7 +19,7 @@ from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.contacts import contact_rows, ContactPair
-from kane_dynamics.mechanics.friction import AT_BOUND
+from kane_dynamics.mechanics.friction import AT_BOUND, driving_torque
 from kane_dynamics.mechanics.integrators.held_joints import (linear_system, LinearSystem,
                                                              Solution, Solver)
 from kane_dynamics.mechanics.integrators.rows import (ContactModes, forces_of_held,
@@ -85,8 +85,10 @@ class RowSet(NamedTuple):
         Their stops, rad or m; infinite where there is none.
     rubs : (k,) array of bool
         Whether they have set-valued friction.
-    drops : (k,) array of bool
-        Whether friction falls at once where the joint begins to slide.
+    drops : (k,) array
+        By how much friction falls at once where the joint begins to slide, N m or N.
+    locks : (k,) array of bool
+        Whether their drives are self-locking, with set-valued friction.
     slow : (k,) array
         Largest rate of a joint at rest: rounding, with constraints.
     pairs : tuple of c ContactPair
@@ -107,7 +109,8 @@ class RowSet(NamedTuple):
     lower: Array
     upper: Array
     rubs: Any
-    drops: Any
+    drops: Array
+    locks: Any
     slow: Array
     pairs: tuple[ContactPair, ...]
     friction: Array
@@ -248,17 +251,20 @@ class RowMotion(HeldMotion):
 
     def results(self, stage: HeldStage) -> list[Scalar]:
         """Return forces of rows, bounds of friction, and velocities of contacts."""
-        bounds = bounds_of_joints(self._rows, stage.q, stage.tau, stage.t)
-        return [*stage.solution.f, *np.concatenate(bounds), *self._velocities]
+        rows = self._rows
+        bounds = bounds_of_joints(rows, stage.q, stage.tau, stage.t)
+        directions = ModeInputs.of(rows, stage.modes).directions
+        driving = driving_torques(rows, stage.q, stage.u, stage.tau, directions, stage.t)
+        return [*stage.solution.f, *np.concatenate(bounds), *driving, *self._velocities]
 
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
         """Return the rates of a stage; what the guards need of the first one is stored."""
         results = super().called(program, q, u, tau, time, *inputs)
         k, c = len(self._rows.joints), len(self._rows.pairs)
-        end = len(results) - (3 * k + 6 * c)
+        end = len(results) - (4 * k + 6 * c)
         if self.first is None:
-            parts = np.cumsum([k + 3 * c, k, k])
+            parts = np.cumsum([k + 3 * c, k, k, k])
             self.first = np.split(np.array(results[end:]), parts)
         return results[:end]
 
@@ -291,6 +297,23 @@ def bounds_of_joints(rows: RowSet, q: Vector, tau: Vector, t: Scalar
     return friction_bounds(rows.robot.equations, rows.joints, q, tau, t)
 
 
+def driving_torques(rows: RowSet, q: Vector, u: Vector, tau: Vector, directions: Vector,
+                    t: Scalar) -> Vector:
+    """Return `friction.driving_torque` of self-locking joints that slide; else 1, (k,)."""
+    equations = rows.robot.equations
+    result: list[Scalar] = [1.0] * len(rows.joints)
+    if rows.locks.any():
+        torques = equations.drive_torques(q, tau, t)
+        rates = equations.joint_speeds(q, u, t)
+        for row in np.flatnonzero(rows.locks).tolist():
+            r = rows.joints[row]
+            driving = driving_torque(equations.model.coordinate_joints[r], rates[r],
+                                     torques[r], directions[row])
+            slides = directions[row] * directions[row] > 0.5
+            result[row] = select(slides, driving, 1.0)
+    return np.array(result)
+
+
 def row_kernel(rows: RowSet, choice: StepChoice) -> Kernel:
     """
     Return the kernel of a step: the state, `Guards`, and the power of contacts.
@@ -321,8 +344,8 @@ def _traced_step(rows: RowSet, choice: StepChoice, state: Vector, inputs: Matrix
     modes = ModeInputs.of(rows, numbers)
     if rows.joints and not rows.tree:
         after = _without_creep(rows, modes, after)
-    f, least, largest, velocities = motions[0].first
-    forces = _force_guards(rows, modes, f, least, largest)
+    f, least, largest, driving, velocities = motions[0].first
+    forces = _force_guards(rows, modes, f, least, largest, driving)
 
     # Slip keeps its direction within a right angle.
     layout = state_layout(rows.robot)
@@ -376,8 +399,12 @@ def _without_creep(rows: RowSet, modes: ModeInputs, after: Vector) -> Vector:
 
 
 def _force_guards(rows: RowSet, modes: ModeInputs, f: Vector, least: Vector,
-                  largest: Vector) -> list[Scalar]:
-    """Return the guards of the forces of held rows, (k + 2 c,); 1 of others."""
+                  largest: Vector, driving: Vector) -> list[Scalar]:
+    """
+    Return the guards of the forces of held rows, (k + 2 c,); 1 of others.
+
+    A self-locking joint that slides has the torque that drives it.
+    """
     guards: list[Scalar] = []
     k = len(rows.joints)
     size: Scalar = 1e-300
@@ -385,10 +412,11 @@ def _force_guards(rows: RowSet, modes: ModeInputs, f: Vector, least: Vector,
         size = size + magnitude(x)
     rounding = ROUNDING * size
     # A stop presses only inward, and takes the place of one bound.
-    for held, side, x, low, high in zip(modes.held, modes.sides, f, least, largest):
+    for held, side, x, low, high, drive in zip(modes.held, modes.sides, f, least, largest,
+                                               driving):
         above = select(side > 0.5, 1.0, x - low + rounding)
         below = select(side < -0.5, 1.0, high - x + rounding)
-        guards.append(select(held > 0.5, smallest([above, below]), 1.0))
+        guards.append(select(held > 0.5, smallest([above, below]), drive))
     normals, tangents = [], []
     for i in range(len(rows.pairs)):
         normal, first, second = f[k + 3 * i:k + 3 * i + 3]

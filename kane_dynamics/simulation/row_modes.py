@@ -9,15 +9,16 @@ from collections.abc import Collection
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.complementarity import Disc, held, with_discs
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
-from kane_dynamics.mechanics.friction import has_breakaway_drop, has_dry_friction
+from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
+                                              is_self_locking, stribeck_excess)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, AT_STOP, HELD, ModeChoice, Response,
                                                  response_kernel, responses, RowMode,
-                                                 RowSet)
+                                                 RowSet, SIGNS)
 from kane_dynamics.simulation.trajectory import ContactMode
 import numpy as np
 
@@ -27,6 +28,7 @@ SLOW = 1e-9  # m/s: speed of a contact at rest
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
 LIFT = 1e-3  # response of a contact that slides, relative to that of one without friction
 DRIVEN = 1e-12  # response of a joint that constraints drive, relative to the largest one
+TRIALS = 4  # changes of joints that break away together, for each joint
 SHORT_FLIGHT = 1e-3  # of a step: a flight that is shorter is none
 FEEDBACK = 4.0  # characteristic rates of the mechanism: how fast held rows lose their errors
 CONTACT_MODES = {RowMode.OFF: ContactMode.OPEN, RowMode.STICKING: ContactMode.STICKING,
@@ -39,7 +41,8 @@ class Impulses(NamedTuple):
 
     `joints` and `contacts` have the rows that hit, by number, with their speed; `impulses`,
     (c, 3), are those of contacts along normal and tangents; `loss` is of kinetic energy, J;
-    `rests` are contacts whose bounces have become too short to follow.
+    `rests` are contacts whose bounces have become too short to follow; `locked` are
+    self-locking joints that have stopped at once.
     """
 
     joints: dict[int, float]
@@ -47,6 +50,7 @@ class Impulses(NamedTuple):
     impulses: Array
     loss: float
     rests: frozenset[int]
+    locked: frozenset[int]
 
 
 class SampledRows(NamedTuple):
@@ -82,13 +86,14 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
     """Return the rows of a robot: its joints with friction or stops, and contacts."""
     model = robot.model
     rubbing = set()
-    dropping = set()
+    drops = np.zeros(model.n)
     if sticking and robot.friction:
         for body in model.bodies:
             if has_dry_friction(body.joint):
                 rubbing.add(body.joint.coordinate)
             if has_breakaway_drop(body.joint):
-                dropping.add(body.joint.coordinate)
+                size = abs(body.joint.multiplier) * stribeck_excess(body.joint)
+                drops[body.joint.coordinate] += size
     lower, upper = robot.limits.lower, robot.limits.upper
     stopped = set()
     for joint, place in enumerate(model.places):
@@ -97,6 +102,9 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
     joints = sorted(rubbing | stopped)
     places = np.array([model.places[joint] or 0 for joint in joints], dtype=int)
     has_stop = np.isin(joints, sorted(stopped))
+    by_joint = [model.coordinate_joints[joint] for joint in joints]
+    locks = np.array([sticking and robot.friction and is_self_locking(joint)
+                      for joint in by_joint], dtype=bool)
     slow = np.zeros(len(joints))
     constraints = robot.mechanism.constraints
     tree = robot.equations.in_joint_rates
@@ -106,8 +114,7 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
     return RowSet(robot, sticking, dual_to, joints, places,
                   np.where(has_stop, lower[places], -np.inf),
                   np.where(has_stop, upper[places], np.inf),
-                  np.isin(joints, sorted(rubbing)), np.isin(joints, sorted(dropping)),
-                  slow, pairs, np.asarray(friction, dtype=float),
+                  np.isin(joints, sorted(rubbing)), drops[joints], locks, slow, pairs, np.asarray(friction, dtype=float),
                   np.asarray(restitution, dtype=float),
                   tree, FEEDBACK * rate_of(model, constraints))
 
@@ -156,7 +163,9 @@ class RowModes:
         for i in breaks:
             if i >= k:
                 self._require_lift(now, i - k)
-        if not hits.any():
+        locked = [j for j in breaks if j < k and rows.locks[j]
+                  and abs(now.v[j]) > rows.slow[j]]
+        if not (hits.any() or locked):
             return state, None
         self._require_response(now, hits, t)
         away = np.abs(now.a[self._contacts])
@@ -169,6 +178,7 @@ class RowModes:
         lower, upper = np.zeros((2, m))
         lower[:k] = np.where(touching[:k] & (sides > 0.0), -np.inf, 0.0)
         upper[:k] = np.where(touching[:k] & (sides < 0.0), np.inf, 0.0)
+        lower[locked], upper[locked] = -np.inf, np.inf
         target = now.v.copy()
         discs = []
         for i, normal in enumerate(self._contacts):
@@ -192,7 +202,8 @@ class RowModes:
             {j: float(into[j]) for j in np.flatnonzero(hits[:k]).tolist()},
             {i: float(into[k + i]) for i in np.flatnonzero(hits[k:]).tolist()},
             p[k:].reshape(c, 3), float(-0.5 * p @ (now.v + v)),
-            frozenset(np.flatnonzero(hits[k:] & short & (rows.restitution > 0.0)).tolist()))
+            frozenset(np.flatnonzero(hits[k:] & short & (rows.restitution > 0.0)).tolist()),
+            frozenset(locked))
 
     def _require_lift(self, now: Response, i: int) -> None:
         """Raise ConstraintError if friction presses a contact on while it slides."""
@@ -265,14 +276,29 @@ class RowModes:
         rests = (now.distances <= TOUCHING) & (now.v[self._contacts] <= slow_normal)
         touching = np.flatnonzero(rests).tolist()
 
-        for _ in range(2 * k + 2):
+        coupled = not rows.tree or bool(touching)
+        drops = coupled and bool(rows.drops.any())
+        reached = any(row < k for row in breaks)
+        for _ in range(TRIALS * k + 2):
             modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
             now = self.response(state, tau, modes.directions(rows), t)
             f, begun = self._settled(now, sides, sorted(resting), touching, joints,
                                      contacts, begins, breaks)
+            for j in begun & set(np.flatnonzero(rows.locks).tolist()):
+                self._require_driven(now, f, j, state, tau, t)
+            resting -= begun
+            if drops and all(joints[j] in AT_BOUNDS for j in begun):
+                rests = [*sorted(resting), *self._rows_of(touching)]
+                begun |= self._broken_away(now, f, joints, resting, rests, reached)
+            reached |= any(joints[j] in (RowMode.FORWARD, RowMode.BACKWARD) for j in begun)
             if not begun:
                 break
-            resting -= begun
+        # Joints at their bounds whose friction does not drop move with the others.
+        a = now.a + now.A @ f
+        still = STILL * np.abs(now.a).max(initial=1e-300)
+        for j in range(k):
+            if joints[j] in AT_BOUNDS and abs(a[j]) > still:
+                joints[j] = RowMode.FORWARD if SIGNS[joints[j]] > 0.0 else RowMode.BACKWARD
         # A joint that others hold at its stop is there to rounding.
         q = state[rows.places]
         free = np.array([mode not in HELD for mode in joints], dtype=bool)
@@ -323,6 +349,8 @@ class RowModes:
         begun = set()
         inside = [j for j in resting if lower[j] < f[j] < upper[j] and j not in breaks]
         redundant = not rows.tree or bool(touching)
+        if not inside:  # of several that are just at their bounds, one holds
+            inside = [j for j in resting if abs(a[j]) <= still and j not in breaks][:1]
         fixed = any(contacts[i] == RowMode.STICKING for i in touching)
         for j in resting:
             rests = abs(a[j]) <= still and j not in breaks
@@ -343,6 +371,69 @@ class RowModes:
                 joints[j] = RowMode.FORWARD if forward else RowMode.BACKWARD
                 begun.add(j)
         return f, begun
+
+    def _broken_away(self, now: Response, f: Array, joints: Any, resting: set[int],
+                     rests: list[int], reached: bool) -> set[int]:
+        """
+        Change the modes of joints that start to slide together, and return them.
+
+        Joints at the bounds of their friction break away together if, with friction that
+        drops, no others hold them. One whose friction has dropped must accelerate; one
+        at its bound may rest. `reached` says that some have just reached their bounds;
+        `rests` are the rows at rest.
+        """
+        rows = self.rows
+        k = len(rows.joints)
+        signs = np.array([SIGNS.get(mode, 0.0) for mode in joints])
+        at_bound = np.array([mode in AT_BOUNDS for mode in joints], dtype=bool)
+        starts = (np.abs(now.v[:k]) <= 2.0 * rows.slow) & (signs != 0.0)
+        dropped = starts & ~at_bound & (rows.drops > 0.0)
+
+        # The first that does not accelerate in its direction rests again.
+        by_drops = np.abs(now.A[:k, :k]) @ rows.drops
+        zero = STILL * (by_drops + np.abs(now.a).max(initial=0.0))
+        along = signs * (now.a + now.A @ f)[:k]
+        wrong = np.flatnonzero(starts & (along <= np.where(dropped, zero, -zero)))[:1]
+        if len(wrong) or not reached:
+            resting.update(wrong.tolist())
+            return set(wrong.tolist())
+
+        # Accelerations due to the drops, while rows at rest are held by any force.
+        at_bound &= rows.drops > 0.0
+        response = now.A[:, :k] @ np.where(at_bound, signs * rows.drops, 0.0)
+        response += now.A[:, rests] @ held(now.A[np.ix_(rests, rests)], response[rests])
+        begins = at_bound & (signs * response[:k] > STILL * by_drops)
+        if not begins.any():
+            return set()
+        for j in np.flatnonzero(begins).tolist():
+            joints[j] = RowMode.FORWARD if signs[j] > 0.0 else RowMode.BACKWARD
+        resting.update(np.flatnonzero(at_bound & ~begins).tolist())
+        return set(np.flatnonzero(at_bound).tolist())
+
+    def _require_driven(self, now: Response, f: Array, j: int, state: Array, tau: Array,
+                        t: float) -> None:
+        """
+        Raise InputError if the load of a self-locking drive helps its motor to move it.
+
+        With the rotor as part of the load, the law then has several motions.
+        """
+        robot = self.rows.robot
+        torques = tau
+        if not robot.equations.in_joint_rates:
+            torques = robot.joint_torques(tau, state[:robot.n_q], t=t)
+        joint = robot.model.coordinate_joints[self.rows.joints[j]]
+        motor = torques[self.rows.joints[j]] - joint.friction_offset
+        # The force that would hold the joint by itself.
+        force = f[j] - (now.a + now.A @ f)[j] / now.A[j, j]
+        if abs(force) > abs(motor) and -force * motor > 0.0:
+            raise InputError(
+                f"sticking: at {t:.6g} s the load of the self-locking joint '{joint.name}' "
+                'helps its motor to move it; expected a motor that drives against the load, '
+                'since the motion is not determined otherwise')
+
+    def _rows_of(self, contacts: list[int]) -> list[int]:
+        """Return the rows of normals and tangents of contacts."""
+        return [self._contacts[i] + row for i in contacts for row in range(3)]
 
     def _contact_modes(self, f: Array, a: Array, touching: list[int], contacts: Any,
                        begins: Array, still: float, breaks: Collection[int]) -> None:

@@ -26,7 +26,6 @@ from kane_dynamics.control.computed_torque import joints_that_follow, law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
-from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -72,7 +71,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
              progress: Progress | None = None, integrator: str | None = None,
              t0: float = 0.0, stops: bool = False, sticking: bool = False,
              bristles0: Any = None, contacts: Sequence[Contact] = (),
-             _stepper: str = 'old') -> Trajectory:
+             _stepper: str = 'rows') -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
@@ -261,18 +260,13 @@ def _row_steps(robot: Robot, step: float, start: float, states: Array, stops: bo
     Raises
     ------
     InputError
-        A contact is not valid, or is inside its surface; a joint that sticks is
-        self-locking.
+        A contact is not valid, or is inside its surface.
 
     """
     touching = checked_contacts(robot, contacts)
     require_open(robot, touching, states[:, :robot.n_q])
     if not touching.pairs and stepper != 'rows':
         return None
-    for joint in robot.model.coordinate_joints:
-        if sticking and robot.friction and is_self_locking(joint):
-            raise InputError(f"sticking: joint '{joint.name}' is self-locking, with contacts; "
-                             'expected load_friction_backdriven below 1, or no contacts')
     rows = RowSteps(robot, step, start, stops, sticking, touching)
     return rows if rows.any_rows else None
 

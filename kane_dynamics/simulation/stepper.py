@@ -16,7 +16,7 @@ from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.row_kernel import (Guards, ModeChoice, row_kernel, RowMode,
+from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, row_kernel, RowMode,
                                                  RowSet)
 from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes, SampledRows,
                                                 TOUCHING)
@@ -302,11 +302,10 @@ class _Path:
             guards = np.concatenate([guards, ends])
         return part, guards
 
-    @staticmethod
-    def watches_end(modes: ModeChoice) -> bool:
+    def watches_end(self, modes: ModeChoice) -> bool:
         """Return whether a row has a force that ends at a bound."""
-        of_joints = any(mode in (RowMode.LOWER, RowMode.UPPER, RowMode.STICKING)
-                        for mode in modes.joints)
+        of_joints = any(mode in HELD or locks
+                        for mode, locks in zip(modes.joints, self._rows.rows.locks))
         return of_joints or any(mode != RowMode.OFF for mode in modes.contacts)
 
     def dissipated(self, step: int, power: Array) -> None:
@@ -326,6 +325,7 @@ class _Path:
         if impact is not None:
             self._steps.hit(self._i, step, t, impact, self._rows, state)
             self._steps.record(self._i, step, impact.loss, 0.0)
+            breaks = [row for row in breaks if row not in impact.locked]
         modes, now, _ = self._rows.choose(after, tau, t, breaks)
         return self._rows.at_rest(after, modes, now), modes
 
@@ -333,6 +333,7 @@ class _Path:
         """Return the state after a step with transitions, and the modes there."""
         passed = 0.0
         begin = state
+        breaks: list[int] = []
         for _ in range(MOST):
             left = self._step - passed
             if left <= SHORT * self._step:
@@ -349,7 +350,11 @@ class _Path:
             self._kink(step, time, part)
             passed += time
             state = self._reached(part.state, guards)
-            state, modes = self.begun(state, step, passed, self._breaks(guards))
+            # Rows that share a force may reach their bounds at one instant, one after the
+            # other: set free again, they would take turns without end.
+            at_once = breaks if time <= SHORT * self._step else []
+            breaks = [*at_once, *self._breaks(guards)]
+            state, modes = self.begun(state, step, passed, breaks)
         t = self._source.start + step * self._step
         raise InputError(f'simulation: more than {MOST} transitions of stops, friction and '
                          f'contacts in the step at {t:.6g} s; expected a shorter step')
