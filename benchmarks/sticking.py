@@ -26,10 +26,10 @@ import time
 
 from kane_dynamics import load_urdf, Robot, simulate
 from kane_dynamics._util.resources import resource_path
+from kane_dynamics.simulation.row_kernel import ModeChoice, row_kernel, RowMode
+from kane_dynamics.simulation.row_modes import row_set
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
-from kane_dynamics.simulation.sticking.friction_state import FrictionModes, FrictionState
-from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
+from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
 import mujoco
 import numpy as np
@@ -47,7 +47,7 @@ FINEST = 1e-4  # s: step of our finest simulation
 REFERENCE = (4e-6, 2e-6)  # s: MuJoCo's steps of the reference
 # To the smooth step; of MuJoCo to ours.
 MOST_SLIDING = 2.0
-LEAST_RATIO = 5.0
+LEAST_RATIO = 2.0
 # Of a hold: the longest of our steps with at most MuJoCo's error counts.
 OUR_STEPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02, 0.01)
 
@@ -67,29 +67,32 @@ def step_times(robot: Robot, integrator: str) -> dict[str, float]:
     """Return the least processor times of a smooth step and of exact ones, s."""
     choice = StepChoice(False, integrator)
     smooth = step_kernel(robot, *choice)
-    contact = FrictionState(robot, False)
+    rows = row_set(robot, False, True, (), (), ())
     state = np.concatenate([Q, U])
     # Steps of no length repeat one state, so that every joint slides in every step.
     constants = np.concatenate([[1e-12], robot.parameters.block])
     tau = robot.gravity_force(Q)[None]
-    directions = np.sign(U)
-    modes = mode_rows(contact, FrictionModes(directions, 0.0 * directions))
-    some_held = directions.copy()
-    some_held[[1, 4]] = 0.0
-    held_modes = mode_rows(contact, FrictionModes(some_held, 0.0 * directions))
-    rows = np.empty((STEPS + 1, len(state) + 2))
-    rows[0, :len(state)] = state
-    states = rows[:-1, :len(state)]
+    slides = [RowMode.FORWARD if u > 0.0 else RowMode.BACKWARD for u in U]
+    two_held = slides.copy()
+    two_held[1] = two_held[4] = RowMode.STICKING
+    kernel = row_kernel(rows, choice)
+    results = np.empty((STEPS + 1, *kernel.shape))
+    results[0, :len(state)] = state
+    states = results[:-1, :len(state)]
     short = np.empty((STEPS + 1, len(state)))
     short[0] = state
-    sliding = sticking_kernel(choice, contact, holds=False)
-    sticking = sticking_kernel(choice, contact, holds=True)
+
+    def steps_in(modes: list[RowMode]) -> Callable[[], object]:
+        unlimited = np.array([rows.lower, rows.upper])
+        choice_of_modes = ModeChoice(tuple(modes), (), np.zeros((0, 2)), np.zeros(0),
+                                     unlimited)
+        numbers = choice_of_modes.numbers(rows)
+        return lambda: kernel.scan([states, tau, numbers], results[1:],
+                                   constants=constants)
     calls = {
         'smooth': lambda: smooth.scan([short[:-1], tau], short[1:], constants=constants),
-        'sliding': lambda: sliding.scan([states, tau, modes], rows[1:],
-                                        constants=constants),
-        'two joints held': lambda: sticking.scan([states, tau, held_modes], rows[1:],
-                                                 constants=constants)}
+        'sliding': steps_in(slides),
+        'two joints held': steps_in(two_held)}
     times = dict.fromkeys(calls, np.inf)
     for _ in range(ROUNDS):
         for name, call in calls.items():
@@ -128,7 +131,7 @@ def native_steps(robot: Robot, tau: np.ndarray, step: float,
     states[0, 0, :robot.n] = Q
 
     def call() -> np.ndarray:
-        Sticking(robot, step, 0.0, False).advance(source, states, 0)
+        RowSteps(robot, step, 0.0, False, True).advance(source, states, 0)
         return states[0, -1, :robot.n].copy()
     return call
 

@@ -58,8 +58,8 @@ run over any scalar.
 
 from typing import Any
 
-from kane_dynamics._util.typing import Array, Scalar
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics._util.typing import Scalar
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.model.model import Joint, Model
@@ -72,8 +72,6 @@ BREAKAWAY_ACCELERATION = 1.0  # rad/s^2 or m/s^2: 'ahead' has most of its y at r
 AT_BOUND = 2.0  # direction of a joint that others hold at the bound of its friction
 
 UNLIMITED = 1e30  # N m or N: friction of a self-locking drive, force of a stop
-ROUNDING = 1e-12  # relative, of forces and accelerations
-MOST_SETS = 2**12  # of held joints that are tried
 
 
 def coulomb(rate: Scalar, friction_speed: Scalar) -> Scalar:
@@ -459,56 +457,6 @@ def _resistance_ahead(joint: Joint, level: float, x: Scalar) -> Scalar:
     if backdriven < 1.0:
         overrun = (level - backdriven * x) / (1.0 - backdriven)
     return select(level < x, driven, overrun)
-
-
-def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
-    """
-    Return the forces of friction at k joints at rest, (k,), within their bounds.
-
-    With the accelerations v = a + A f, the forces f solve the complementarity problem
-
-        least <= f <= largest;  v = 0 between;  v <= 0 at largest, v >= 0 at least
-
-    For a positive definite A the solution is unique. Joints change one at a time, the
-    first one whose force or acceleration is wrong, as in `joint_stops.stop_impulses`.
-
-    Parameters
-    ----------
-    a : (k,) array
-        Accelerations without the forces.
-    A : (k, k) array
-        Acceleration per unit of each force.
-    least, largest : (k,) arrays
-        Bounds of the forces, of which stops make one infinite.
-
-    """
-    k = len(a)
-    held = np.ones(k, dtype=bool)
-    at_largest = np.zeros(k, dtype=bool)  # of the others; both bounds may be zero
-    f = np.zeros(k)
-    size = np.abs(a).max(initial=0.0)
-    for _ in range(min(3**(k + 2), MOST_SETS)):
-        # Held joints do not accelerate; the forces of others are at their bounds.
-        f[held] = 0.0
-        rows = np.ix_(held, held)
-        f[held] = np.linalg.solve(A[rows], -(a + A @ f)[held])
-        v = a + A @ f
-        # A force or an acceleration is wrong only beyond rounding.
-        rounding = ROUNDING * np.maximum(size, np.abs(A) @ np.abs(f))
-        beyond = held & ((f > largest + ROUNDING * np.abs(largest))
-                         | (f < least - ROUNDING * np.abs(least)))
-        returns = ~held & np.where(at_largest, v > rounding, v < -rounding)
-        wrong = beyond | returns
-        if not wrong.any():
-            return f
-        first = int(np.argmax(wrong))
-        # A joint that leaves `held` slides: its force is at the bound that it exceeded.
-        if held[first]:
-            at_largest[first] = f[first] > largest[first]
-            f[first] = largest[first] if at_largest[first] else least[first]
-        held[first] = not held[first]
-    raise ConstraintError(f'friction: the forces of {k} joints at rest are not determined '
-                          'to rounding; expected joints that the constraints do not couple')
 
 
 def is_self_locking(joint: Joint) -> bool:

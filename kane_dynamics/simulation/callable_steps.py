@@ -28,7 +28,7 @@ class CallableSteps(Steps):
     def __init__(self, steps: Steps, torque: TorqueFunction, every: int,
                  in_time: bool) -> None:
         """Begin without samples."""
-        super().__init__(steps.source, steps.stops)
+        super().__init__(steps.source, steps.rows)
         self.changes = steps.changes
         self._steps, self._torque = steps, torque
         self._every, self._in_time = every, in_time

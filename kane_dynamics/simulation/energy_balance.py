@@ -25,10 +25,10 @@ from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
-from kane_dynamics.simulation.presliding import bristle_energies, bristle_friction
+from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
+                                                 StateFriction)
 from kane_dynamics.simulation.step_kernels import state_layout, times_of
 from kane_dynamics.simulation.step_size import bristle_frequency
-from kane_dynamics.simulation.sticking.friction_state import StateFriction
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far
@@ -116,7 +116,7 @@ class EnergyBalance(Observer):
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
         if robot.equations.tree.bristles:
             if friction is None:
-                self._friction = bristle_friction(robot, False)
+                self._friction = bristle_friction(robot)
             self._bristle_frequency = bristle_frequency(robot, states[0, :robot.n_q],
                                                         start)
         self._kernel = energy_kernel(robot, exact)

@@ -7,8 +7,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
-from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
-                                                             linear_system, Solution,
+from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system, Solution,
                                                              Solver)
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -63,8 +62,8 @@ class HeldMotion(RobotMotion):
         self._modes = modes
 
     @abstractmethod
-    def held(self, modes: Vector, q: Vector) -> Held | Solver:
-        """Return which joints may be held, on which conditions, or what solves a stage."""
+    def held(self, modes: Vector, q: Vector) -> Solver:
+        """Return what solves a stage."""
 
     @abstractmethod
     def results(self, stage: HeldStage) -> list[Scalar]:

@@ -6,21 +6,49 @@ and the law is that of `mechanics.friction`. The steps of the integrators are th
 `step_kernels`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
-                                                             linear_system)
+from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system)
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
 from kane_dynamics.simulation.step_kernels import deflections_of
 from kane_dynamics.simulation.step_size import REAL_RADIUS, settling_rates
-from kane_dynamics.simulation.sticking.friction_state import FrictionSamples, stops_of
-from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
+
+
+class FrictionSamples(NamedTuple):
+    """
+    Accelerations, forces and sticking joints at K states.
+
+    Attributes
+    ----------
+    udot : (K, n) array
+    stop_forces : (K, n_j) array
+        Forces of the stops on the joints, N m or N.
+    sticking : (K, n_j) array of bool
+        Which joints friction holds.
+    friction : (K, n_j) array
+        Torques that overcome the friction of the joints, N m or N.
+
+    """
+
+    udot: Array
+    stop_forces: Array
+    sticking: Flags
+    friction: Array
+
+
+class StateFriction(Protocol):
+    """The friction of a robot at states of a simulation, whichever law it has."""
+
+    sticking: bool  # whether friction of joints is set-valued
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> Any:
+        """Return accelerations, forces of stops and friction at K states, (K, size)."""
 
 
 class BristleFriction:
@@ -31,16 +59,14 @@ class BristleFriction:
     ----------
     robot : Robot
         The simulated robot, in the speeds of the states.
-    stops : bool
-        Whether there are stops at the position limits.
 
     """
 
     sticking = False
 
-    def __init__(self, robot: Robot, stops: bool) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Store the robot."""
-        self.robot, self._stops = robot, stops
+        self.robot = robot
 
     @lazy_property
     def kernel(self) -> Kernel:
@@ -53,7 +79,7 @@ class BristleFriction:
             # The deflections decide the friction, and with it udot: M udot = net.
             system = linear_system(equations, q, u, tau, None, parameters, t, None,
                                    deflections)
-            solution = held_solution(system, system.M, system.net, Held([], []))
+            solution = held_solution(system, system.M, system.net)
             friction = equations.driven_friction(q, system.v, tau, t, None, deflections)
             energy = tree.bristle_energy(deflections)
             return np.array([*solution.w, *friction, energy])
@@ -77,31 +103,21 @@ class BristleFriction:
 
     def at_samples(self, states: Array, tau: Array, times: Array) -> FrictionSamples:
         """Return accelerations, forces of stops and friction at K states, (K, size)."""
-        robot = self.robot
-        n_q = robot.n_q
-        n = robot.n
-        n_j = robot.model.n
+        n, n_j = self.robot.n, self.robot.model.n
         rows = self.rows_at(states, tau, times)
         udot = np.ascontiguousarray(rows[:, :n])
         stop_forces = np.zeros((len(states), n_j))
-        # Joints that press against stops have their forces too.
-        if self._stops:
-            q = np.ascontiguousarray(states[:, :n_q])
-            u = np.ascontiguousarray(states[:, n_q:n_q + n])
-            udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
-                                                 robot.limits.upper, t=times)
         # Bristles never hold a joint: it creeps with their deflection.
         held = np.zeros((len(states), n_j), dtype=bool)
         return FrictionSamples(udot, stop_forces, held, rows[:, n:n + n_j])
 
 
-def bristle_friction(robot: Robot, stops: bool) -> BristleFriction:
-    """Return the `BristleFriction` of a robot, made once for its limits and kept with it."""
-    key = 'bristles', stops_of(robot, stops)
+def bristle_friction(robot: Robot) -> BristleFriction:
+    """Return the `BristleFriction` of a robot, made once and kept with it."""
     kept = robot.kernels.kept
-    if key not in kept:
-        kept[key] = BristleFriction(robot, stops)
-    friction: BristleFriction = kept[key]
+    if ('bristles',) not in kept:
+        kept['bristles',] = BristleFriction(robot)
+    friction: BristleFriction = kept['bristles',]
     return friction
 
 

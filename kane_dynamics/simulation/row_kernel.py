@@ -8,10 +8,10 @@ distances of rows that are open, rates of those that slide, margins of the force
 that are held. NaN is not positive.
 """
 
-from collections.abc import Sequence
 from enum import IntEnum
 from functools import partial
 import hashlib
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
@@ -19,7 +19,8 @@ from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.contacts import contact_rows, ContactPair
-from kane_dynamics.mechanics.friction import AT_BOUND, driving_torque
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.friction import AT_BOUND, driving_torque, holding_friction
 from kane_dynamics.mechanics.integrators.held_joints import (linear_system, LinearSystem,
                                                              Solution, Solver)
 from kane_dynamics.mechanics.integrators.rows import (ContactModes, forces_of_held,
@@ -34,8 +35,6 @@ from kane_dynamics.simulation.step_kernels import (deflection_input, state_layou
                                                    step_signature, StepChoice,
                                                    tau_from,
                                                    time_input, traced_step)
-from kane_dynamics.simulation.sticking.friction_state import (friction_bounds,
-                                                              of_all_joints)
 import numpy as np
 
 FINITE = 1e300  # in place of infinite bounds, for which 0 times infinity would be NaN
@@ -297,6 +296,41 @@ def bounds_of_joints(rows: RowSet, q: Vector, tau: Vector, t: Scalar
     return friction_bounds(rows.robot.equations, rows.joints, q, tau, t)
 
 
+def friction_bounds(equations: Equations, joints: list[int], q: Vector, tau: Vector,
+                    t: Scalar) -> tuple[Vector, Vector]:
+    """
+    Return the least and the largest force of friction on joints at rest, (k,) each.
+
+    `tau`, (n,), is the generalized force of the motors.
+    """
+    model = equations.model
+    torques: Any = np.zeros(model.n)
+    if equations.carries_loads:
+        torques = equations.drive_torques(q, tau, t)
+    least: list[Scalar] = [0.0] * model.n
+    largest: list[Scalar] = [0.0] * model.n
+    if equations.friction:
+        # A coordinate has the friction of its joint and of those that mimic it.
+        for body in model.bodies:
+            joint = body.joint
+            r = joint.coordinate
+            low, high = holding_friction(joint, torques[r])
+            if joint.multiplier < 0.0:
+                low, high = high, low
+            # The force on the joint is opposite to the torque that overcomes friction.
+            least[r] = least[r] - joint.multiplier * high
+            largest[r] = largest[r] - joint.multiplier * low
+    return np.array(least)[joints], np.array(largest)[joints]
+
+
+def of_all_joints(equations: Equations, joints: list[int], directions: Vector) -> Vector:
+    """Return directions of k joints as those of all joints, (n_j,), 0 of the others."""
+    result = np.zeros(equations.model.n).astype(object)
+    for joint, direction in zip(joints, directions):
+        result[joint] = direction
+    return result
+
+
 def driving_torques(rows: RowSet, q: Vector, u: Vector, tau: Vector, directions: Vector,
                     t: Scalar) -> Vector:
     """Return `friction.driving_torque` of self-locking joints that slide; else 1, (k,)."""
@@ -436,8 +470,6 @@ def _joint_ends(rows: RowSet, modes: ModeInputs, q: Vector, v: Vector) -> list[S
         near = smallest([q[place] - modes.lower[row], modes.upper[row] - q[place]])
         # Others that hold a joint of a loop at its stop do so to rounding.
         distance = near if rows.tree else near + AT_STOP
-        if not np.isfinite([rows.lower[row], rows.upper[row]]).any():
-            distance = 1.0
         distances.append(select(free, distance, 1.0))
         direction_of = modes.directions[row]
         rate = direction_of * v[joint] + rows.slow[row]
@@ -549,11 +581,9 @@ def responses(rows: RowSet, kernel: Kernel, states: Array, tau: Array, direction
     values = np.empty((len(states), *kernel.shape))
     kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], values,
                len(values))
-    shapes = Response.shapes(rows)
-    ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
-    result = []
-    for row in values:
-        parts: Sequence[Array] = np.split(row, ends)
-        result.append(Response(*(part.reshape(shape)
-                                 for part, shape in zip(parts, shapes))))
-    return result
+    begin, fields = 0, []
+    for shape in Response.shapes(rows):
+        end = begin + math.prod(shape)
+        fields.append(values[:, begin:end].reshape(len(values), *shape))
+        begin = end
+    return [Response(*row) for row in zip(*fields)]

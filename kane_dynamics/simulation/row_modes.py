@@ -119,6 +119,34 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
                   tree, FEEDBACK * rate_of(model, constraints))
 
 
+def require_stops(robot: Robot, q: Array) -> None:
+    """
+    Check the stops of a robot, and that its initial configurations, (N, n_q), are between them.
+
+    Raises
+    ------
+    InputError
+        The limits of a joint leave it no range, or a joint starts past its stop.
+
+    """
+    lower, upper = robot.limits.lower, robot.limits.upper
+    constrained = bool(robot.mechanism.constraints)
+    for name, low, high in zip(robot.coordinate_names, lower, upper):
+        # A loop may hold a joint at one position, but a free joint needs a range.
+        if not (low < high or (low == high and constrained)):
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected "
+                             'a range, between its stops; a joint that cannot move is '
+                             'fixed')
+
+    # Rounding may put a configuration at a stop just behind it.
+    touching = TOUCHING * coordinate_units(robot.model, robot.mechanism.constraints)
+    past = (q < lower - touching) | (q > upper + touching)
+    if past.any():
+        i, j = (int(x) for x in np.argwhere(past)[0])
+        raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; "
+                         f'expected {lower[j]:.6g} to {upper[j]:.6g}, between its stops')
+
+
 class RowModes:
     """
     The choice of modes of the rows of one robot.
@@ -135,14 +163,19 @@ class RowModes:
         """Compile the response."""
         self.rows = rows
         self._step = step
+        self._last: tuple[Any, Response] | None = None
         self._kernel = response_kernel(rows)
         k = len(rows.joints)
         self._contacts = [k + 3 * i for i in range(len(rows.pairs))]
 
     def response(self, state: Array, tau: Array, directions: Array, t: float) -> Response:
-        """Return the response of rows at a state, (size,)."""
-        return responses(self.rows, self._kernel, state[None], tau[None], directions[None],
-                         np.array([t]))[0]
+        """Return the response of rows at a state, (size,); the last one if it is the same."""
+        arguments = state.tobytes(), tau.tobytes(), directions.tobytes(), t
+        if self._last is None or self._last[0] != arguments:
+            now = responses(self.rows, self._kernel, state[None], tau[None],
+                            directions[None], np.array([t]))[0]
+            self._last = arguments, now
+        return self._last[1]
 
     def impact(self, state: Array, tau: Array, t: float,
                breaks: Collection[int] = ()) -> tuple[Array, Impulses | None]:
@@ -154,7 +187,7 @@ class RowModes:
         rows = self.rows
         k, c = len(rows.joints), len(rows.pairs)
         now = self.response(state, tau, np.zeros(k), t)
-        sides = self._sides(state)
+        sides = self.sides(state)
         # The velocity into each row that touches; e times it is the rebound.
         into = np.concatenate([sides * now.v[:k], -now.v[self._contacts]])
         touching = np.concatenate([sides != 0.0, now.distances <= TOUCHING])
@@ -231,15 +264,25 @@ class RowModes:
                                   'constraints drive it on; expected a motion between the '
                                   'stops')
 
-    def _sides(self, state: Array) -> Array:
-        """Return the stops that joints touch, (k,): 1 upper, -1 lower, else 0."""
-        q = state[self.rows.places]
+    def sides(self, state: Array) -> Array:
+        """Return the stops that joints touch, (..., k): 1 upper, -1 lower, else 0."""
+        q = state[..., self.rows.places]
         near = 0.0 if self.rows.tree else 3.0 * AT_STOP
         return np.where(q >= self.rows.upper - near, 1.0,
                         np.where(q <= self.rows.lower + near, -1.0, 0.0))
 
-    def choose(self, state: Array, tau: Array, t: float,
-               breaks: Collection[int] = ()) -> tuple[ModeChoice, Response, Array]:
+    def _moving(self, states: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Return `sides`, and the directions of joints that move, (..., k) each."""
+        sides = self.sides(states)
+        slow = 2.0 * self.rows.slow
+        # What leaves a stop for a flight that is too short rests there.
+        short = 0.5 * SHORT_FLIGHT * self._step * np.abs(a)
+        slow = np.where(sides != 0.0, np.maximum(slow, short), slow)
+        return sides, np.sign(v) * (np.abs(v) > slow)
+
+    def choose(self, state: Array, tau: Array, t: float, breaks: Collection[int] = (),
+               at_rest: Response | None = None, sliding: Response | None = None
+               ) -> tuple[ModeChoice, Response, Array]:
         """
         Return the modes from a state on, the response in them, and the forces of rows.
 
@@ -253,26 +296,24 @@ class RowModes:
             s.
         breaks : collection of int
             Rows whose forces have reached their bounds: joints, then contacts by k + i.
+        at_rest, sliding : Response, optional
+            Of joints without directions, and with those of the joints that move.
 
         """
         rows = self.rows
         k, c = len(rows.joints), len(rows.pairs)
-        now = self.response(state, tau, np.zeros(k), t)
-        sides = self._sides(state)
-        # What leaves a stop or a surface for a flight that is too short rests there.
-        short = 0.5 * SHORT_FLIGHT * self._step * np.abs(now.a)
-        slow = np.where(sides != 0.0, np.maximum(2.0 * rows.slow, short[:k]),
-                        2.0 * rows.slow)
-        moving = np.abs(now.v[:k]) > slow
+        now = self.response(state, tau, np.zeros(k), t) if at_rest is None else at_rest
+        sides, moving = self._moving(state, now.v[:k], now.a[:k])
         joints = np.full(k, RowMode.OFF, dtype=object)
-        for j in range(k):
-            if moving[j] and rows.rubs[j]:
-                joints[j] = RowMode.FORWARD if now.v[j] > 0.0 else RowMode.BACKWARD
-        resting = {j for j in range(k) if not moving[j] and (rows.rubs[j] or sides[j])}
+        for j in np.flatnonzero((moving != 0.0) & rows.rubs).tolist():
+            joints[j] = RowMode.FORWARD if moving[j] > 0.0 else RowMode.BACKWARD
+        resting = set(np.flatnonzero((moving == 0.0) & (rows.rubs | (sides != 0.0))).tolist())
         contacts = np.full(c, RowMode.OFF, dtype=object)
         stops = np.array([rows.lower, rows.upper])
         begins = np.zeros((c, 2))
-        slow_normal = np.maximum(SLOW, short[self._contacts])
+        # What leaves a surface for a flight that is too short rests there.
+        short = 0.5 * SHORT_FLIGHT * self._step * np.abs(now.a[self._contacts])
+        slow_normal = np.maximum(SLOW, short)
         rests = (now.distances <= TOUCHING) & (now.v[self._contacts] <= slow_normal)
         touching = np.flatnonzero(rests).tolist()
 
@@ -281,15 +322,20 @@ class RowModes:
         reached = any(row < k for row in breaks)
         for _ in range(TRIALS * k + 2):
             modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
-            now = self.response(state, tau, modes.directions(rows), t)
+            directions = modes.directions(rows)
+            if sliding is not None:
+                now, sliding = sliding, None
+            else:
+                now = self.response(state, tau, directions, t)
             f, begun = self._settled(now, sides, sorted(resting), touching, joints,
                                      contacts, begins, breaks)
             for j in begun & set(np.flatnonzero(rows.locks).tolist()):
                 self._require_driven(now, f, j, state, tau, t)
             resting -= begun
             if drops and all(joints[j] in AT_BOUNDS for j in begun):
-                rests = [*sorted(resting), *self._rows_of(touching)]
-                begun |= self._broken_away(now, f, joints, resting, rests, reached)
+                rows_at_rest = [*sorted(resting), *self._rows_of(touching)]
+                begun |= self._broken_away(now, f, joints, resting, rows_at_rest,
+                                            reached)
             reached |= any(joints[j] in (RowMode.FORWARD, RowMode.BACKWARD) for j in begun)
             if not begun:
                 break
@@ -490,8 +536,20 @@ class RowModes:
         contact_forces = np.zeros((len(states), c, 3))
         contact_modes = np.zeros((len(states), c), dtype=int)
         udot = np.empty((len(states), rows.robot.n))
+        # The responses of all samples, without directions and with those of joints that move.
+        none = np.zeros((len(states), k))
+        at_rest = responses(rows, self._kernel, states, tau, none, times)
+        v = np.array([now.v for now in at_rest]).reshape(len(states), -1)
+        a = np.array([now.a for now in at_rest]).reshape(len(states), -1)
+        sides, moving = self._moving(states, v[:, :k], a[:, :k])
+        sliding = responses(rows, self._kernel, states, tau, moving * rows.rubs, times)
+        rests = ((moving == 0.0) & (rows.rubs | (sides != 0.0))).any(axis=1)
         for row, (state, torque, t) in enumerate(zip(states, tau, times)):
-            modes, now, f = self.choose(state, torque, float(t))
+            now = sliding[row]
+            if not (rests[row] or (now.distances <= TOUCHING).any()):
+                udot[row], friction[row] = now.udot, now.friction
+                continue
+            modes, now, f = self.choose(state, torque, float(t), (), at_rest[row], now)
             forces = self.acting(modes, now, f)
             udot[row] = now.udot + now.B @ forces
             of_joints = forces[:k]

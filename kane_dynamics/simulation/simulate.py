@@ -46,12 +46,9 @@ from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
+from kane_dynamics.simulation.row_modes import require_stops
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.stepping import Progress, run, Steps
-from kane_dynamics.simulation.sticking.friction_samples import (exact_friction)
-from kane_dynamics.simulation.sticking.friction_state import friction_state
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
-from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
 from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent, Trajectory
 import numpy as np
@@ -70,8 +67,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,
              t0: float = 0.0, stops: bool = False, sticking: bool = False,
-             bristles0: Any = None, contacts: Sequence[Contact] = (),
-             _stepper: str = 'rows') -> Trajectory:
+             bristles0: Any = None, contacts: Sequence[Contact] = ()) -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
@@ -119,16 +115,15 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     stops : bool
         Put rigid, inelastic, frictionless stops at the position limits: the impulse of a
         stop ends the motion into it and acts on all joints, in the space of the motions
-        that the constraints admit. `Trajectory.stop_events` lists the impacts; each
-        takes about a millisecond. While a joint presses against its stop, the force of
-        the stop holds it within the steps, at the cost of a few free steps and at the
-        order of the integrator.
+        that the constraints admit. `Trajectory.stop_events` lists the impacts, whose
+        times are found to the order of the integrator; each takes some milliseconds of
+        computation. While a joint presses against its stop, the force of the stop holds
+        it within the steps.
     sticking : bool
         Set-valued Coulomb friction in place of the smooth law: a joint sticks while the
         torque that it needs is below breakaway friction (`Trajectory.sticking`), and
         slides otherwise. The times of transition are found to the order of the
-        integrator, in native code. With `stops`, the times of impacts are found in the
-        same way; each takes about a millisecond. Refused for joints with
+        integrator; each takes some milliseconds of computation. Refused for joints with
         `presliding_stiffness`, which have bristles in place of the smooth law.
     bristles0 : (n_b,) or (N, n_b) array_like, optional
         Initial deflections of the bristles, rad or m (`Trajectory.bristles`). Default:
@@ -198,24 +193,20 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                                               integrator, start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=2)
-    # Without friction and stops there are no joints that stick.
-    rows = _row_steps(robot, step, start, states, stops, sticking, contacts, _stepper)
-    friction: Any = rows
-    if rows is None and sticking and friction_state(robot, stops).joints:
-        friction = exact_friction(robot, stops)
+    rows = _row_steps(robot, step, start, states, stops, sticking, contacts)
 
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
     limits = LimitWatch(robot, len(states), single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,
-                            cause=cause, friction=friction)
+                            cause=cause, friction=rows)
     observers += [limits, balance]
     if robot.equations.tree.bristles and integrator == 'rk4':
         observers.append(SettlingWatch(robot, step, single))
 
     # Compute the states.
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
-                   stops, friction is not None, progress is not None, rows)
+                   progress is not None, rows)
     samples = run(steps, states, count, every, observers, progress)
 
     texts = [] if step_text is None else [step_text]
@@ -235,9 +226,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     stop_events: tuple[StopEvent, ...] = ()
     contact_names: tuple[str, ...] = ()
     contact_events: tuple[ContactEvent, ...] = ()
-    if steps.stops is not None:
-        stop_events = steps.stops.events(single)
     if rows is not None:
+        stop_events = rows.events(single, StopEvent)
         contact_names = rows.contact_names
         contact_events = rows.events(single, ContactEvent)
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
@@ -253,56 +243,44 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
 
 def _row_steps(robot: Robot, step: float, start: float, states: Array, stops: bool,
-               sticking: bool, contacts: Any, stepper: str) -> RowSteps | None:
+               sticking: bool, contacts: Any) -> RowSteps | None:
     """
-    Return the steps of rows with modes; None without contacts, but for stepper 'rows'.
+    Return the steps of rows with modes; None without stops, friction and contacts.
 
     Raises
     ------
     InputError
-        A contact is not valid, or is inside its surface.
+        A contact is not valid, or is inside its surface; a joint is past its stop.
 
     """
     touching = checked_contacts(robot, contacts)
     require_open(robot, touching, states[:, :robot.n_q])
-    if not touching.pairs and stepper != 'rows':
-        return None
+    if stops:
+        require_stops(robot, states[:, :robot.n_q])
     rows = RowSteps(robot, step, start, stops, sticking, touching)
     return rows if rows.any_rows else None
 
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
-           every: int, torque: Any, integrator: str, start: float, stops: bool,
-           sticks: bool, in_time: bool, rows: RowSteps | None) -> Steps:
+           every: int, torque: Any, integrator: str, start: float,
+           in_time: bool, rows: RowSteps | None) -> Steps:
     """
     Return the steps of simulations from states, (N, size); arguments as of `simulate`.
 
-    `sticks` says that there are joints that may stick, `in_time` that progress is
-    reported.
+    `in_time` says that progress is reported.
     """
     if callable(torque) and not single:
         raise InputError(f'torque: a function, with {len(states)} initial states; '
                          'expected None, an array or a ComputedTorque')
     # The torques, known before the steps or computed by a law within them.
     source = torque_input(robot, step, count, torque, None if single else len(states),
-                          integrator, start, smooth=rows is None and not sticks)
-
-    # What happens at limits and with friction at rest: sticking knows stops too.
-    joint_stops: JointStops | Sticking | RowSteps | None = rows
-    if stops:
-        require_stops(robot, states[:, :robot.n_q])
-    if rows is not None:
-        pass
-    elif sticks:
-        joint_stops = Sticking(robot, step, start, stops)
-    elif stops:
-        joint_stops = JointStops(robot, step, start)
+                          integrator, start, smooth=rows is None)
 
     # Constrained robots may need other independent speeds along the way.
     if robot.equations.watched:
-        steps: Steps = SwitchingSteps(source, joint_stops, len(states))
+        steps: Steps = SwitchingSteps(source, rows, len(states))
     else:
-        steps = Steps(source, joint_stops)
+        steps = Steps(source, rows)
     if callable(torque):
         return CallableSteps(steps, torque, every, in_time)
     return steps

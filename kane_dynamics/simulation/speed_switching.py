@@ -80,17 +80,16 @@ class SwitchingSteps(Steps):
     ----------
     source : TorqueInput
         The native step of the user's robot; torques stay dual to its speeds.
-    stops : JointStops, Sticking or None
-        Stops whose impulses act after each step, or set-valued friction and stops.
+    rows : RowSteps or None
+        Rows with modes.
     count : int
         Number of simulations.
 
     """
 
-    def __init__(self, source: TorqueInput, stops: Any,
-                 count: int) -> None:
+    def __init__(self, source: TorqueInput, rows: Any, count: int) -> None:
         """Start all simulations in the robot's own speeds."""
-        super().__init__(source, stops)
+        super().__init__(source, rows)
         self._law: ComputedTorque | None = source.torque if source.follows else None
         self._single = source.single
         mechanism = source.robot.mechanism
@@ -105,7 +104,7 @@ class SwitchingSteps(Steps):
         self._sources: dict[tuple[Robot, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._user = UserSpeeds(source.robot, self._with_stops, self._sticks)
+        self._user = UserSpeeds(source.robot, rows)
         self._watch = SingularityWatch(source.robot, source.step)
 
     def advance(self, buffer: Array, done: int) -> Extremes | None:

@@ -13,8 +13,7 @@ from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution,
-                                                             linear_system)
+from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.linear_step import (is_linear, tree_terms,
                                                              TreeTerms)
@@ -547,7 +546,7 @@ def presliding_rates(robot: Robot, q: Vector, u: Vector, tau: Vector, wrench: An
     equations: Any = robot.equations
     # Bristles bear friction at rest too, so that no joint is held.
     system = linear_system(equations, q, u, tau, wrench, parameters, t, None, deflections)
-    solution = held_solution(system, system.M, system.net, Held([], []))
+    solution = held_solution(system, system.M, system.net)
     rates: Vector = ()
     if not equations.in_joint_rates:
         rates = coordinate_rates(robot.model, q, system.v)

@@ -16,11 +16,11 @@ from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, row_kernel, RowMode,
-                                                 RowSet)
+from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, response_kernel,
+                                                 row_kernel, RowMode, RowSet)
 from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes, SampledRows,
                                                 TOUCHING)
-from kane_dynamics.simulation.step_kernels import state_layout
+from kane_dynamics.simulation.step_kernels import state_layout, StepChoice
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent
 import numpy as np
@@ -30,8 +30,8 @@ MOST = 200  # transitions in one step
 SHORT = 1e-9  # of a step: a part that is left out
 HALVINGS = 40  # of a step, to find a time at which the guards are positive
 TRIALS = 100  # of the root of the guards
-NEAR = 1e-3  # of the interval of a root: distance of trials from the secant
-EXACT = 4e-16  # of a step: width of the interval of a root
+NEAR, NEAREST = 1e-2, 1e-6  # of the interval of a root: distance of trials from the secant
+EXACT = 1e-13  # of a step: width of the interval of a root
 
 
 class Contacts(NamedTuple):
@@ -78,22 +78,23 @@ class RowSteps:
         s.
     stops, sticking : bool
         Whether there are stops at the position limits, and set-valued friction.
-    contacts : Contacts
+    contacts : Contacts, optional
 
     """
 
     def __init__(self, robot: Robot, step: float, start: float, stops: bool,
-                 sticking: bool, contacts: Contacts) -> None:
+                 sticking: bool, contacts: Contacts | None = None) -> None:
         """Begin without transitions."""
         self._robot, self._step, self._start = robot, step, start
         self.stops, self.sticking = stops, sticking
-        self._contacts = contacts
+        self._contacts = contacts or Contacts()
         self._modes_of: dict[tuple[str, ...], tuple[Robot, RowModes]] = {}
         self._losses: dict[int, list[_Loss]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent | ContactEvent]]] = {}
         self._events: list[StopEvent | ContactEvent] = []
         # The modes after a step of a simulation: step, source's speeds, modes.
         self._known: dict[int, tuple[int, Array, ModeChoice]] = {}
+        self.changed = False
 
     @property
     def contact_names(self) -> tuple[str, ...]:
@@ -150,6 +151,21 @@ class RowSteps:
         self._losses.clear()
         self._hits.clear()
         return settled
+
+    def step_end(self, source: TorqueInput, state: Array) -> Array:
+        """
+        Return the state after the first step of one simulation.
+
+        The modes at its end are those at the beginning of the next call, if that begins
+        at the same state. `changed` says whether modes changed, or rows hit.
+        """
+        buffer = np.stack([state, state])
+        self._follow(source, 0, buffer, 0)
+        self.changed = bool(self.settle(0))
+        if 0 in self._known:
+            self._known[0] = (0, *self._known[0][1:])
+        end: Array = buffer[1]
+        return end
 
     def events(self, single: bool, kind: type = StopEvent) -> tuple[Any, ...]:
         """Return the impacts of one kind so far, in order of time."""
@@ -249,6 +265,22 @@ class RowSteps:
                 impact.loss, contact in impact.rests, i)))
 
 
+def compile_rows(robot: Robot, choice: StepChoice, stops: bool, sticking: bool) -> None:
+    """Compile the kernels of `RowSteps` for one choice of the step, without contacts."""
+    rows = row_set(robot, stops, sticking, (), (), (), choice.needed(robot).dual_to)
+    if rows.joints:
+        row_kernel(rows, choice).compile()
+        response_kernel(rows).compile_lanes()
+        energy_kernel(robot, sticking).compile()
+
+
+def compile_row_steps(robot: Robot, integrator: str, followed: Sequence[int], stops: bool,
+                      sticking: bool) -> None:
+    """Compile the kernels of `RowSteps` with and without feedback, as `step_kernel`."""
+    for feedback in (False, True):
+        compile_rows(robot, StepChoice(feedback, integrator, None, followed), stops, sticking)
+
+
 class _Path:
     """The motion of one simulation within and across steps."""
 
@@ -261,6 +293,8 @@ class _Path:
         self._kernel = row_kernel(self._rows.rows, source.choice)
         self._step = source.step
         self._place_of_step = 2 * robot.n if source.follows else 0
+        self._modes: ModeChoice | None = None
+        self._mode_numbers: Array = np.zeros(0)
 
     def scanned(self, state: Array, step: int, count: int,
                 modes: ModeChoice) -> tuple[Array, Guards, Array]:
@@ -270,10 +304,15 @@ class _Path:
         rows[0, :size] = state
         inputs = self._source.inputs(step, count)
         row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
-        numbers = modes.numbers(self._rows.rows)
-        self._kernel.scan([rows[:-1, :size], row, numbers], rows[1:],
+        self._kernel.scan([rows[:-1, :size], row, self._numbers(modes)], rows[1:],
                           constants=self._source.constants)
         return rows[1:, :size], self._guards(rows[1:, size:-1]), rows[1:, -1]
+
+    def _numbers(self, modes: ModeChoice) -> Array:
+        """Return the input of the kernel for the modes, computed once for each choice."""
+        if modes is not self._modes:
+            self._modes, self._mode_numbers = modes, modes.numbers(self._rows.rows)
+        return self._mode_numbers
 
     def _guards(self, numbers: Array) -> Guards:
         of = self._rows.rows
@@ -288,7 +327,7 @@ class _Path:
         inputs = self._source.inputs_within(step, passed, length)[0, 0]
         size = len(state)
         row = np.empty((1, *self._kernel.shape))
-        self._kernel.scan([state[None], inputs, modes.numbers(self._rows.rows)], row,
+        self._kernel.scan([state[None], inputs, self._numbers(modes)], row,
                           constants=constants)
         return _Part(row[0, :size].copy(), self._guards(row[0, size:-1]), float(row[0, -1]))
 
@@ -346,7 +385,8 @@ class _Path:
                 return part.state, modes
             if not np.isfinite(part.state).all():
                 return part.state, modes
-            time, part, guards = self._root(state, step, passed, left, modes, guards)
+            time, part, guards = self._root(state, step, passed, left, modes, part,
+                                           guards)
             self._kink(step, time, part)
             passed += time
             state = self._reached(part.state, guards)
@@ -373,46 +413,45 @@ class _Path:
         self._steps.record(self._i, step, 0.0, 0.5 * self._step * power)
 
     def _root(self, state: Array, step: int, passed: float, left: float, modes: ModeChoice,
-              beyond: Array) -> tuple[float, _Part, Array]:
+              after: _Part, beyond: Array) -> tuple[float, _Part, Array]:
         """
         Return the first time at which a guard is not positive, just past it.
 
-        The third result has the guards there. A guard may be zero at the beginning, of a
+        `after` is the part until `left`, where guards are `beyond`. The third result has the
+        guards at the root. A guard may be zero at the beginning, of a
         row that has just left its bound.
         """
         low, high = 0.0, left
-        inside = beyond
+        part, inside = after, beyond
         for k in range(1, HALVINGS):
             low = left * 0.5**k
-            part, inside = self._whole(state, step, passed, low, modes)
+            trial_part, inside = self._whole(state, step, passed, low, modes)
             if (inside > 0.0).all():
                 break
-            high, beyond = low, inside
+            high, beyond, part = low, inside, trial_part
         else:
-            low = 0.0
+            return high, part, beyond
+        # Just past and just before the earliest secant of the guards that fail, then the
+        # middle. The secant is the nearer, the narrower the interval.
         for trial in range(TRIALS):
-            if high - low <= EXACT * self._step or low == 0.0:
+            if high - low <= EXACT * self._step:
                 break
-            # Just past and just before the earliest secant of the guards that fail, then
-            # the middle.
             fails = ~(beyond > 0.0)
             share = 0.5
             if trial % 3 < 2 and np.isfinite(beyond[fails]).all():
                 falls = inside[fails] - beyond[fails]
+                near = max(NEAR * (high - low) / left, NEAREST)
                 share = float((inside[fails] / falls).min())
-                share = min(max(share + (NEAR if trial % 3 == 0 else -NEAR), 0.0), 1.0)
+                share = min(max(share + (near if trial % 3 == 0 else -near), 0.0), 1.0)
             middle = low + share * (high - low)
             if not low < middle < high:
                 middle = 0.5 * (low + high)
-            if not low < middle < high:
-                break
-            part, guards = self._whole(state, step, passed, middle, modes)
+            trial_part, guards = self._whole(state, step, passed, middle, modes)
             if (guards > 0.0).all():
                 low, inside = middle, guards
             else:
-                high, beyond = middle, guards
-        part, guards = self._whole(state, step, passed, high, modes)
-        return high, part, guards
+                high, beyond, part = middle, guards, trial_part
+        return high, part, beyond
 
     def _breaks(self, guards: Array) -> list[int]:
         """Return the rows whose forces have reached their bounds, as `RowModes.choose`."""

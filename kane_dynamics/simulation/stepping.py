@@ -5,7 +5,7 @@ The stepping loop of a simulation, and the steps that it computes.
 code computes a chunk in a few milliseconds without the GIL, so progress is reported in
 time.
 
-`Steps` computes states in native code, with the impulses of joint stops. Two kinds of
+`Steps` computes states in native code, with rows that have modes. Two kinds of
 steps extend it: `speed_switching.SwitchingSteps` changes the independent speeds before a
 singularity, and `callable_steps.CallableSteps` calls a torque function in Python before
 every step.
@@ -13,13 +13,11 @@ every step.
 
 from collections.abc import Callable, Sequence
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.stepper import RowSteps
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
-from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import sampled_quantities, SpeedChange
 import numpy as np
@@ -48,8 +46,8 @@ class Steps:
     ----------
     source : TorqueInput
         The native step.
-    stops : JointStops or Sticking, optional
-        Stops whose impulses act after each step, or set-valued friction and stops.
+    rows : RowSteps, optional
+        Stops, set-valued friction and contacts.
 
     Attributes
     ----------
@@ -58,23 +56,15 @@ class Steps:
 
     """
 
-    def __init__(self, source: TorqueInput,
-                 stops: JointStops | Sticking | RowSteps | None = None) -> None:
-        """Store the native step and the stops."""
+    def __init__(self, source: TorqueInput, rows: RowSteps | None = None) -> None:
+        """Store the native step and the rows."""
         self.source = source
-        self.stops = stops
+        self.rows = rows
         self.robot = source.robot
         self.step = source.step
         self.start = source.start
-        # Computes the states of a native step, with the stops.
-        self._advance = TorqueInput.advance if stops is None else stops.advance
-        # Set-valued friction has the stops with it, if there are any.
-        self._sticks: Any = isinstance(stops, Sticking)
-        self._with_stops = stops is not None
-        if isinstance(stops, RowSteps):
-            self._sticks = stops
-        if isinstance(stops, Sticking):
-            self._with_stops = stops.stops
+        # Computes the states of a native step, in the modes of the rows.
+        self._advance = TorqueInput.advance if rows is None else rows.advance
         self.changes: list[SpeedChange] = []
 
     def compute(self, starts: Array, done: int, count: int) -> Chunk:
@@ -101,7 +91,7 @@ class Steps:
 
     def exchange(self, states: Array, done: int) -> Exchange:
         """Return the torques that exchange energy in a chunk, all of whose steps are computed."""
-        impacts = () if self.stops is None else self.stops.settle(done)
+        impacts = () if self.rows is None else self.rows.settle(done)
         return Exchange(states, self.source.acting(states, done), impacts)
 
     def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
@@ -120,7 +110,7 @@ class Steps:
         times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
         states = samples.states.reshape(-1, samples.states.shape[2])
         rows = sampled_quantities(self.robot, states, tau.reshape(-1, self.robot.n), times,
-                                  self._with_stops, self._sticks)
+                                  self.rows)
         rows.pop('friction', None)  # only constraint forces depend on it
         results = {'q': q, 'tau': tau}
         for name, quantity in rows.items():
@@ -158,7 +148,7 @@ def run(steps: Steps, starts: Array, count: int, every: int,
     least = 1
     length = FIRST_CHUNK
     paces = steps.robot.kernels.kept
-    kind = 'seconds of a step', type(steps), steps.source.choice, steps.stops is None
+    kind = 'seconds of a step', type(steps), steps.source.choice, steps.rows is None
     if not steps.source.single:
         least = length = LEAST_CHUNK
     elif progress is None and kind in paces:

@@ -21,8 +21,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
 from kane_dynamics.simulation.presliding import bristle_friction
-from kane_dynamics.simulation.sticking.friction_samples import exact_friction
-from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -477,8 +475,8 @@ def constraint_residuals(robot: Robot, q: Array, u: Array,
     return {'constraint_residual': residual, 'constraint_velocity_residual': of_velocities}
 
 
-def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, stops: bool,
-                       sticking: Any) -> dict[str, Array]:
+def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array,
+                       rows: Any = None) -> dict[str, Array]:
     """
     Return u, udot, energy, forces of stops and sticking joints at K states of a simulation.
 
@@ -492,10 +490,8 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
         Entries as `step_kernels.state_names`.
     tau, times : (K, n), (K,) arrays
         Torques dual to the speeds, and times, s.
-    stops : bool
-        Whether there are stops at the position limits.
-    sticking : bool or stepper.RowSteps
-        Whether friction is set-valued; or the rows with modes, which say that too.
+    rows : stepper.RowSteps, optional
+        Rows with modes, if there are any.
 
     """
     n_q, n = robot.n_q, robot.n
@@ -503,27 +499,19 @@ def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array, st
     u = np.ascontiguousarray(states[:, n_q:n_q + n])
     # Kinetic and potential energy, by the kernel of the simulation's energy balance.
     terms = np.empty((len(states), TERMS))
-    rows: Any = None if isinstance(sticking, bool) else sticking
-    exact = sticking if isinstance(sticking, bool) else sticking.sticking
+    exact = rows is not None and rows.sticking
     energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
     quantities = {'u': u, 'energy': terms[:, :2]}
-    # Rows with modes, set-valued friction and bristles decide the accelerations with the
-    # stops.
+    # Rows with modes and bristles decide the accelerations.
     if rows is not None:
         of_rows: dict[str, Array] = rows.rows(robot).at_samples(states, tau, times)._asdict()
         return quantities | of_rows
-    if sticking:
-        friction = exact_friction(robot, stops)
-        return quantities | friction.at_samples(states, tau, times)._asdict()
     if robot.equations.tree.bristles:
-        bristles = bristle_friction(robot, stops)
+        bristles = bristle_friction(robot)
         return quantities | bristles.at_samples(states, tau, times)._asdict()
-    # Else they are those of forward dynamics, without wrenches, and of stops.
+    # Else they are those of forward dynamics, without wrenches.
     no_wrench = (None,) if len(robot.kernels.no_wrench) else ()
     forward_dynamics = robot.kernels.kernel('forward_dynamics')
     udot = forward_dynamics(q, u, tau, *no_wrench, *robot.equations.time_inputs(times))
     stop_forces = np.zeros((len(q), robot.equations.tree.n))
-    if stops:
-        udot, stop_forces = with_stop_forces(robot, q, u, udot, robot.limits.lower,
-                                             robot.limits.upper, t=times)
     return quantities | {'udot': udot, 'stop_forces': stop_forces}

@@ -43,18 +43,14 @@ class UserSpeeds:
     user_robot : Robot
         The user's robot. Its speeds u = Y_I q' + Z_I are defined also where they are
         singular and do not determine q'.
-    stops : bool
-        Whether stops hold its joints.
-    sticking : bool
-        Whether set-valued friction does.
+    rows : stepper.RowSteps, optional
+        Its rows with modes, if there are any.
 
     """
 
-    def __init__(self, user_robot: Robot, stops: bool = False,
-                 sticking: bool = False) -> None:
+    def __init__(self, user_robot: Robot, rows: Any = None) -> None:
         """Store the robot; kernels compile on first use."""
-        self._user_robot, self._stops = user_robot, stops
-        self._sticking = sticking
+        self._user_robot, self._rows = user_robot, rows
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
@@ -204,8 +200,7 @@ class UserSpeeds:
         in_user_speeds = robot.speed_names == self._user_robot.speed_names
         q = np.ascontiguousarray(rows[:, :robot.n_q])
         generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
-        results = sampled_quantities(robot, rows, generalized, times, self._stops,
-                                     self._sticking)
+        results = sampled_quantities(robot, rows, generalized, times, self._rows)
         u, udot = results['u'], results['udot']
         friction = results.pop('friction', None)
         # What acts on the joints beside friction: actuators and stops.

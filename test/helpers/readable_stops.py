@@ -4,7 +4,6 @@ from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quater
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
-from kane_dynamics.simulation.stops.pressed_steps import PressedSteps
 import numpy as np
 
 
@@ -100,34 +99,15 @@ class HeldMotion:
         return on_unit_quaternions(self.robot.model, q)
 
 
-def pressed_step(source, state, done, count, side, lower, upper):
-    """Return what `pressed_steps` returns for one step with held torques."""
-    robot = source.robot
-    h = source.step
-    n_q = robot.n_q
-    n = robot.n
-    t = source.start + done * h
-    table = source.torque[0]
-    motion = HeldMotion(robot, table[min(done, len(table) - 1)], side)
-    x = state[:n_q + n]
-    x = motion.implicit(x, t,
-                        h) if source.choice.integrator == 'implicit' else runge_kutta_4(
-                            motion.rates, x, (t, t + 0.5 * h, t + h), h)
-    state_before = state.copy()
-    end = t + h
-    state_before[:n_q] = motion.closed(x[:n_q], end)
-    state_before[n_q:n_q + n] = x[n_q:]
-    if robot.equations.timed:
-        state_before[n_q + n] = end
-    rates_after = state_before.copy()
-    rates_after[:n_q], rates_after[n_q:n_q + n] = motion.corrected(
-        state_before[:n_q], x[n_q:], end, np.where(side > 0.0, upper, lower))
-    f, a, force = (np.array(part) for part in zip(*motion.stages))
-    a = np.where(np.isfinite(lower) | np.isfinite(upper), a, 0.0)
-    pulls = np.maximum(0.0, side * f)
-    q = rates_after[:n_q]
-    pull = pulls.max(axis=0)
-    valid = ((side != 0.0) | ((lower - 1e-11 < q)
-                              & (q < upper + 1e-11))).all() & (pull <= 0).all()
-    return PressedSteps(rates_after[None], state_before[None], a[:1], pulls[:1],
-                        pull[None], force[[0, -1], None], np.array([valid]))
+def pressed_step(robot, tau, side, integrator, q, u, t, h):
+    """Return q and u after a step with held torques and joints at stops."""
+    motion = HeldMotion(robot, tau, side)
+    x = np.concatenate([q, u])
+    if integrator == 'implicit':
+        x = motion.implicit(x, t, h)
+    else:
+        x = runge_kutta_4(motion.rates, x, (t, t + 0.5 * h, t + h), h)
+    q_end, u_end = np.split(x, [robot.n_q])
+    q_end = motion.closed(q_end, t + h)
+    stop = np.where(side > 0.0, robot.limits.upper, robot.limits.lower)
+    return motion.corrected(q_end, u_end, t + h, stop)

@@ -44,7 +44,7 @@ TABLE = CORE + APPLICATIONS + PROGRAMS
 PARTS = {
     'mechanics': """
         algebra
-        ball_joints friction joint_stops
+        ball_joints friction
         definition
         recursive
         joint_lanes

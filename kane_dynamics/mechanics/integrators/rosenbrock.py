@@ -35,7 +35,7 @@ from kane_dynamics.mechanics.friction import (bristle_decay, bristle_rate, brist
                                               friction_over_rate, has_bristles,
                                               viscous_over_rate)
 from kane_dynamics.mechanics.integrators.held_joints import (
-    Held, held_solution, linear_system, Solution, Solver)
+    held_solution, linear_system, Solution, Solver)
 from kane_dynamics.mechanics.integrators.interface import StageRates, System
 from kane_dynamics.mechanics.integrators.linear_step import LinearStep, TreeTerms
 import numpy as np
@@ -194,11 +194,11 @@ class ImplicitStep:
             Of bristles; None for the law without presliding.
 
         """
-        rates, _ = self.held_stage(Held([], []), q, u, tau, first, g, wrench, parameters,
+        rates, _ = self.held_stage(None, q, u, tau, first, g, wrench, parameters,
                                    t, factors, deflections=deflections)
         return rates
 
-    def held_stage(self, held: Held | Solver, q: Vector, u: Vector, tau: Vector,
+    def held_stage(self, held: Solver | None, q: Vector, u: Vector, tau: Vector,
                    first: StageRates,
                    g: Scalar, wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
                    factors: Vector | float = 1.0, directions: Vector | None = None,

@@ -24,8 +24,7 @@ from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
                                                     Signature)
-from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat,
-                                                repeat_until, run_batch)
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat, run_batch)
 from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np
@@ -531,36 +530,6 @@ class Kernel:
                 addresses[k] += (count - 1) * stride
                 strides[k] = -stride
         repeat(self.compile().address, addresses, strides, count)
-
-    def iterate(self, carry: Array, inputs: Sequence[Array], limit: int, *,
-                constants: Array | None = None) -> int:
-        """
-        Compute the kernel's result from itself, until its last entry is not zero.
-
-        Nothing is checked; the GIL is released.
-
-        Parameters
-        ----------
-        carry : float64 array
-            The first argument, which each result overwrites.
-        inputs : sequence of float64 arrays
-            The other arguments, the same in all calls.
-        limit : int
-            Number of calls at most, at least 1.
-        constants : float64 array, optional
-            In place of the kernel's parameters.
-
-        Returns
-        -------
-        int
-            Number of calls.
-
-        """
-        if constants is None:
-            constants = self.parameters
-        addresses = list(map(address, (carry, *inputs, constants, carry)))
-        end = carry.nbytes - carry.itemsize
-        return repeat_until(self.compile().address, addresses, [0] * len(addresses), limit, end)
 
     def rollout(self, inputs: Sequence[Array], result: Array, steps: int, *,
                 constants: Array | None = None,

@@ -98,40 +98,6 @@ moved:
   ret void
 }
 
-; As `repeat`, until the number at an offset (bytes) of the last pointer, the result's, is not zero
-; after a call. Return the number of calls.
-define i64 @repeat_until(ptr %table, i64 %offset) {
-start:
-  %N.at = getelementptr i64, ptr %table, i64 1
-  %N = load i64, ptr %N.at
-  %slots.at = getelementptr i64, ptr %table, i64 2
-  %slots = load i64, ptr %slots.at
-  %pointers = getelementptr i64, ptr %table, i64 3
-  %strides = getelementptr i64, ptr %pointers, i64 %slots
-  %kernel = load ptr, ptr %table
-  %own = alloca [SLOTS x ptr]
-  %size = mul i64 %slots, 8
-  call void @llvm.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
-  %last = sub i64 %slots, 1
-  %result.at = getelementptr ptr, ptr %own, i64 %last
-  br label %state
-state:
-  %i = phi i64 [0, %start], [%i.next, %move]
-  %i.next = add i64 %i, 1
-  call void %kernel(ptr %own)
-  %result = load ptr, ptr %result.at
-  %flag.at = getelementptr i8, ptr %result, i64 %offset
-  %flag = load double, ptr %flag.at
-  %ends = fcmp une double %flag, 0.0
-  br i1 %ends, label %done, label %move
-move:
-  call void @advance(ptr %own, ptr %strides, i64 %slots)
-  %more = icmp slt i64 %i.next, %N
-  br i1 %more, label %state, label %done
-done:
-  ret i64 %i.next
-}
-
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 """
 
@@ -176,25 +142,6 @@ def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int]
     """
     table = array('q', (kernel, count, len(pointers), *pointers, *strides))
     _repeat(count > 1)(table.buffer_info()[0])
-
-
-@cache
-def _repeat_until() -> Callable[..., int]:
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
-    function: Callable[..., int] = support().function('repeat_until', prototype)
-    return function
-
-
-def repeat_until(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],
-                 count: int, offset: int) -> int:
-    """
-    Call a kernel as `repeat`, without the GIL; return the number of calls, at least 1.
-
-    The calls end after one whose result has a number other than zero at an offset,
-    bytes.
-    """
-    table = array('q', (kernel, count, len(pointers), *pointers, *strides))
-    return _repeat_until()(table.buffer_info()[0], offset)
 
 
 RUN_BATCH = """

@@ -18,12 +18,7 @@ from kane_dynamics.simulation.step_kernels import (deflections_of, state_names,
                                                    step_kernel, StepChoice)
 from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
-from kane_dynamics.simulation.sticking.friction_samples import ExactFriction
-from kane_dynamics.simulation.sticking.friction_state import FrictionState
-from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking
-from kane_dynamics.simulation.sticking.sticking_steps import Sticking
-from kane_dynamics.simulation.stops.joint_stops import JointStops
-from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
+from kane_dynamics.simulation.stepper import compile_rows, RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
 import numpy as np
 
@@ -172,24 +167,17 @@ class SimulatedArm:
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
-        self._friction = FrictionState(robot, True)
-        self._sticks = sticking and bool(self._friction.joints)
-        self._exact: ExactFriction | None = None
-        if self._sticks:
-            self._exact = ExactFriction(self._friction)
-        self.energy = EnergyCheck(robot, step, self._integrator, self._exact)
+        self._rows = RowSteps(robot, step, 0.0, stops=True, sticking=sticking)
+        self._sticks = sticking and self._rows.any_rows
+        self.energy = EnergyCheck(robot, step, self._integrator,
+                                  self._rows if self._sticks else None)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
-        self._stops = JointStops(robot, step, 0.0)
-        self._sticking = Sticking(robot, step, 0.0, stops=True)
         self._source = TorqueInput(robot, kernel, choice, step, self._constants,
                                    self._total[None])
 
         # What a step may need is compiled now, not while the arm moves.
-        if self._sticks:
-            compile_sticking(robot, choice, stops=True)
-        else:
-            compile_pressed_step(robot, choice)
+        compile_rows(robot, choice, stops=True, sticking=sticking)
         robot.compile('inverse_mass_matrix')
         robot.compile('external_force')
 
@@ -300,8 +288,7 @@ class SimulatedArm:
         # 3. One integration step; its last number is positive where the loops were
         # closed.
         if self._sticks:
-            self._next[:] = self._sticking.step_end(self._source, self._state.copy(),
-                                                    self._next)
+            self._next[:] = self._rows.step_end(self._source, self._state.copy())
             if not np.isfinite(self._next).all():
                 raise InputError('the motion diverged: not finite; expected torques of a '
                                  'motion in a physical range')
@@ -343,9 +330,9 @@ class SimulatedArm:
     def _accept_exact(self) -> None:
         """Accept a step with exact friction, in which joints may have hit their stops."""
         self._state[:] = self._next
-        at_stop = self._friction.sides_at(self._q) != 0.0
+        at_stop = self._rows.rows(self.robot).sides(self._state) != 0.0
         self.stop_contacts += int(at_stop.any())
-        if self._sticking.changed:  # an impact takes energy, friction has a kink
+        if self._rows.changed:  # an impact takes energy, friction has a kink
             self.energy.close()
             self.energy.restart(self._state)
         else:
@@ -354,9 +341,9 @@ class SimulatedArm:
     @property
     def stuck(self) -> list[str]:
         """Return the names of the joints that friction holds; none with the smooth law."""
-        if self._exact is None:
+        if not self._sticks:
             return []
-        samples = self._exact.at_samples(self._state[None], self._total, np.zeros(1))
+        samples = self._rows.at_samples(self._state[None], self._total, np.zeros(1))
         held = samples.sticking[0][:len(self.joint_names)]
         return [name for name, sticks in zip(self.joint_names, held) if sticks]
 
@@ -364,8 +351,7 @@ class SimulatedArm:
         """Advance by a step with the forces and the impulses of the stops."""
         self.energy.add(self._total[0], self._next)
         self.energy.close()
-        self._state[:] = self._stops.step_end(self._source, self._state.copy(),
-                                              self._next)
+        self._state[:] = self._rows.step_end(self._source, self._state.copy())
         self.energy.restart(self._state)
         self.stop_contacts += 1
 
@@ -381,7 +367,7 @@ class EnergyCheck:
         s.
     integrator : str
         One of `mechanics.integrators.INTEGRATORS`.
-    friction : ExactFriction, optional
+    friction : RowSteps, optional
         Exact friction in place of the smooth law.
 
     Attributes
@@ -392,7 +378,7 @@ class EnergyCheck:
     """
 
     def __init__(self, robot: Robot, step: float, integrator: str,
-                 friction: ExactFriction | None = None) -> None:
+                 friction: RowSteps | None = None) -> None:
         self._arguments = robot, step
         self._integrator = integrator
         self._friction = friction

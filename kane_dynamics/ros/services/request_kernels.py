@@ -22,8 +22,7 @@ from kane_dynamics.native.runtime.loops import batch_driver, support
 from kane_dynamics.native.runtime.threads import in_calling_thread
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
-from kane_dynamics.simulation.sticking.sticking_steps import compile_sticking_steps
-from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+from kane_dynamics.simulation.stepper import compile_row_steps
 
 ANSWERS = 'answers'
 SIMULATIONS = 'simulations'
@@ -70,10 +69,8 @@ def compile_simulations(robot: Robot, integrators: Sequence[str], sticking: bool
     for integrator in integrators:
         if not locks:  # else the motion follows from the torque with exact friction alone
             compile_simulation(robot, integrator)
-        if sticking:
-            compile_sticking_steps(robot, integrator, follow, stops)
-        elif stops:
-            compile_pressed_steps(robot, integrator, follow)
+        if sticking or stops:
+            compile_row_steps(robot, integrator, follow, stops, sticking)
 
 
 class _ClosedError(Exception):

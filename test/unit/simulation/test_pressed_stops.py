@@ -1,4 +1,4 @@
-"""Steps with joints pressed against stops: native, and the readable solution's."""
+"""Steps with joints pressed against stops, and an independent solution of them."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,9 +9,7 @@ from kane_dynamics import box, ComputedTorque, ModelBuilder, Motion, Robot, simu
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.model.model import Limits
-from kane_dynamics.simulation.stops import joint_stops, pressed_steps
-from kane_dynamics.simulation.stops.joint_stops import JointStops
-from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+from kane_dynamics.simulation.stepper import compile_row_steps
 from kinds_of_mechanism import case
 from linkages import four_bar_model, PIN
 import numpy as np
@@ -21,9 +19,6 @@ from readable_stops import pressed_step
 PRESSED = {'tree': 'upper', 'chosen speeds': 'fore', 'closed loop': 'rocker',
            'nonholonomic': 'cart/x', 'time-dependent': 'upper', 'flexible': 'fore',
            'free and ball joints': 'upper'}
-
-EVERY = 50  # calls between two that are compared with the readable formulation
-
 
 def pressing(kind):
     """Return a robot with a stop ahead of a joint, its state, pressing torques."""
@@ -42,43 +37,28 @@ def pressing(kind):
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
 @pytest.mark.parametrize('kind', PRESSED)
-def test_native_pressed_steps_are_those_of_the_readable_solution(
-        kind, integrator, monkeypatch):
-    robot, part, joint, tau = pressing(kind)
-    options = {'torque': tau, 't0': part.time, 'stops': True, 'integrator': integrator,
-               'sample': 5e-3, 'step': 1e-4 if kind == 'flexible' else 1e-3}
-    duration = 0.06 if kind == 'flexible' else 0.2
-    solved = []
-    stepped = []
-
-    def compared(*arguments):
-        states = pressed_steps.pressed_steps(*arguments)
-        stepped.append(arguments[2])
-        if len(stepped) % EVERY < 2:  # without and with the force of the stop
-            size = robot.n_q + robot.n + robot.equations.timed  # without the margin
-            for part, expected_part in zip(states, pressed_step(*arguments)):
-                np.testing.assert_allclose(
-                    part[..., :size], expected_part[..., :size], rtol=1e-9,
-                    atol=1e-9 * max(1.0, np.abs(expected_part).max()))
-        return states
-    impulses = JointStops._stopped
-    monkeypatch.setattr(JointStops, '_stopped',
-                        lambda *x: solved.append(x[-1]) or impulses(*x))
+def test_joints_that_press_move_as_an_independent_solution_says(kind, integrator):
+    robot, one, joint, tau = pressing(kind)
+    step = 1e-4 if kind == 'flexible' else 1e-3
+    options = {'torque': tau, 't0': one.time, 'stops': True, 'integrator': integrator}
     with warnings.catch_warnings():
         warnings.simplefilter('error')  # the energy balance closes
-        native = simulate(robot, part.q, 0.1 * part.u, duration, **options)
-        contacts = len(solved)
-        monkeypatch.setattr(JointStops, '_pressed', lambda *_: 0)
-        monkeypatch.setattr(joint_stops, 'pressed_steps', compared)
-        python = simulate(robot, part.q, 0.1 * part.u, duration, **options)
-    rested = native.q[:, joint] >= robot.limits.upper[joint] - 1e-10
-    assert rested.sum() > 10 and len(set(stepped)) > 50
-    assert contacts < 0.2 * len(set(stepped)) and contacts == len(solved) - contacts
-    np.testing.assert_allclose(native.q, python.q, rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(native.u, python.u, rtol=1e-7, atol=1e-7)
-    assert [(e.joint, e.t) for e in native.stop_events] == [
-        (e.joint, e.t) for e in python.stop_events]
-    np.testing.assert_allclose(native.drift, python.drift, atol=1e-10)
+        hit = simulate(robot, one.q, 0.1 * one.u, 60 * step, step=step, **options)
+        t, q, u = hit.t[-1], hit.q[-1], hit.u[-1]
+        run = simulate(robot, q, u, 40 * step, step=step, sample=step,
+                       **{**options, 't0': t})
+    assert [event.joint for event in hit.stop_events] == [PRESSED[kind]]
+    upper = robot.limits.upper[joint]
+    np.testing.assert_allclose(run.q[:, joint], upper, rtol=0.0, atol=1e-10)
+    assert not run.stop_events
+    side = np.zeros(robot.n_q)
+    side[joint] = 1.0
+    for t_end, q_end, u_end in zip(run.t[1:], run.q[1:], run.u[1:]):
+        q, u = pressed_step(robot, tau, side, integrator, q, u, t, step)
+        t = t_end
+        scale = max(1.0, np.abs(u_end).max())
+        np.testing.assert_allclose(q_end, q, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(u_end, u, rtol=1e-7, atol=1e-7 * scale)
 
 
 def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
@@ -155,19 +135,19 @@ def test_joints_that_hardly_press_stay_at_rest_beside_one_that_presses_much():
     np.testing.assert_array_equal(run.q, run.q[:1].repeat(len(run.q), axis=0))
 
 
-def pressed_kernels(robot):
-    """Return what tells apart the kernels of pressed steps that a robot has compiled."""
-    return {place for place in robot.kernels._made if place[0].startswith('pressed')}
+def row_kernels(robot):
+    """Return what tells apart the kernels of rows that a robot has compiled."""
+    return {place for place in robot.kernels._made if place[0].startswith('row')}
 
 
 def test_kernels_compiled_in_advance_are_those_of_a_simulation():
     robot, one, _, tau = pressing('closed loop')
-    compile_pressed_steps(robot, 'rk4',
-                          [robot.coordinate_names.index(robot.speed_names[0])])
-    compiled = pressed_kernels(robot)
+    compile_row_steps(robot, 'rk4', [robot.coordinate_names.index(robot.speed_names[0])],
+                      stops=True, sticking=False)
+    compiled = row_kernels(robot)
     run = simulate(robot, one.q, one.u, 0.1, torque=tau, stops=True)
     assert run.stop_events
-    assert compiled and pressed_kernels(robot) == compiled
+    assert compiled and row_kernels(robot) == compiled
 
 
 def test_the_command_line_has_stops(capsys):

@@ -1,1 +1,0 @@
-"""Joint stops in simulations."""
