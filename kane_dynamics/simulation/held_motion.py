@@ -7,8 +7,8 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
-from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system, Solution,
-                                                             Solver)
+from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system,
+                                                             Solution, Solver)
 from kane_dynamics.mechanics.integrators.interface import StageRates
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program

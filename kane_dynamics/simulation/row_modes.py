@@ -114,7 +114,8 @@ def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair,
     return RowSet(robot, sticking, dual_to, joints, places,
                   np.where(has_stop, lower[places], -np.inf),
                   np.where(has_stop, upper[places], np.inf),
-                  np.isin(joints, sorted(rubbing)), drops[joints], locks, slow, pairs, np.asarray(friction, dtype=float),
+                  np.isin(joints, sorted(rubbing)), drops[joints], locks, slow, pairs,
+                  np.asarray(friction, dtype=float),
                   np.asarray(restitution, dtype=float),
                   tree, FEEDBACK * rate_of(model, constraints))
 
@@ -334,8 +335,7 @@ class RowModes:
             resting -= begun
             if drops and all(joints[j] in AT_BOUNDS for j in begun):
                 rows_at_rest = [*sorted(resting), *self._rows_of(touching)]
-                begun |= self._broken_away(now, f, joints, resting, rows_at_rest,
-                                            reached)
+                begun |= self._broken_away(now, f, joints, resting, rows_at_rest, reached)
             reached |= any(joints[j] in (RowMode.FORWARD, RowMode.BACKWARD) for j in begun)
             if not begun:
                 break

@@ -42,11 +42,11 @@ from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalan
 from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.presliding import require_no_bristles, SettlingWatch
+from kane_dynamics.simulation.row_modes import require_stops
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
-from kane_dynamics.simulation.row_modes import require_stops
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.stepping import Progress, run, Steps
 from kane_dynamics.simulation.torque_input import torque_input

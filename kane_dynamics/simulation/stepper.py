@@ -385,8 +385,8 @@ class _Path:
                 return part.state, modes
             if not np.isfinite(part.state).all():
                 return part.state, modes
-            time, part, guards = self._root(state, step, passed, left, modes, part,
-                                           guards)
+            beyond = part, guards
+            time, part, guards = self._root(state, step, passed, left, modes, beyond)
             self._kink(step, time, part)
             passed += time
             state = self._reached(part.state, guards)
@@ -413,16 +413,17 @@ class _Path:
         self._steps.record(self._i, step, 0.0, 0.5 * self._step * power)
 
     def _root(self, state: Array, step: int, passed: float, left: float, modes: ModeChoice,
-              after: _Part, beyond: Array) -> tuple[float, _Part, Array]:
+              past: tuple[_Part, Array]) -> tuple[float, _Part, Array]:
         """
         Return the first time at which a guard is not positive, just past it.
 
-        `after` is the part until `left`, where guards are `beyond`. The third result has the
-        guards at the root. A guard may be zero at the beginning, of a
-        row that has just left its bound.
+        `past` is the part of the length `left`, and the guards at its end. The third result
+        has the guards at the root. A guard may be zero at the beginning, of a row that has
+        just left its bound.
         """
         low, high = 0.0, left
-        part, inside = after, beyond
+        part, beyond = past
+        inside = beyond
         for k in range(1, HALVINGS):
             low = left * 0.5**k
             trial_part, inside = self._whole(state, step, passed, low, modes)

@@ -24,7 +24,8 @@ from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
                                                     Signature)
-from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat, run_batch)
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat,
+                                                run_batch)
 from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np

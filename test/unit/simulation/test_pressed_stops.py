@@ -20,6 +20,7 @@ PRESSED = {'tree': 'upper', 'chosen speeds': 'fore', 'closed loop': 'rocker',
            'nonholonomic': 'cart/x', 'time-dependent': 'upper', 'flexible': 'fore',
            'free and ball joints': 'upper'}
 
+
 def pressing(kind):
     """Return a robot with a stop ahead of a joint, its state, pressing torques."""
     one = case(kind)
