@@ -63,7 +63,7 @@ class HeldMotion(RobotMotion):
 
     @abstractmethod
     def held(self, modes: Vector, q: Vector) -> Solver:
-        """Return what solves a stage."""
+        """Return the solver of a stage."""
 
     @abstractmethod
     def results(self, stage: HeldStage) -> list[Scalar]:
