@@ -45,7 +45,7 @@ def compare(urdf, path, joints):
         chosen = identify(model, split, diagnosed=True)
         ratios.append((chosen.held_out / plain.held_out,
                        chosen.held_out_moving / plain.held_out_moving))
-        print(f'{path}: {", ".join(chosen.laws)}; weight of the prior {chosen.weight:g}')
+        print(f'{path}: {chosen.law}; weight of the prior {chosen.weight:g}')
         print(f'  held out, N m: {plain.held_out.round(4)} with Coulomb friction, '
               f'{chosen.held_out.round(4)} with these laws')
     every, moving = np.exp(np.log(ratios).mean(axis=0))

@@ -159,9 +159,15 @@ def _identify(sub: ArgumentParser) -> None:
     sub.add_argument('--friction-only', action='store_true',
                      help='identify friction and armature only')
     sub.add_argument('--friction', choices=('select', *LAW_NAMES), default='select',
-                     help='law of friction of all joints; default: one for each joint, '
-                          'by errors on rows that fits leave out (coulomb with '
-                          '--friction-only)')
+                     help='law of friction of all joints; default: the simplest one whose '
+                          'error on rows that fits leave out is the least within its noise '
+                          '(coulomb with --friction-only)')
+    sub.add_argument('--coupled', nargs=2, action='append', metavar='JOINT',
+                     help='a motor turns with the sum or difference of these two joints, as '
+                          'of some wrists; may be given several times')
+    sub.add_argument('--test', metavar='RECORDING',
+                     help='judge the fit on this recording; default: a fit to the first '
+                          'half on the second')
     sub.add_argument('--unbounded', action='store_true',
                      help='with --friction-only: plain least squares, whose friction '
                           'may be negative where the inertial parameters are wrong')
@@ -169,8 +175,8 @@ def _identify(sub: ArgumentParser) -> None:
                      help='ignore rows in which a joint is slower; rad/s or m/s; '
                      'default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
-                     help="weight of the URDF's inertials as prior (default: by "
-                          'cross-validation)')
+                     help="weight of the URDF's inertials as prior; default: the one with "
+                          'the least error on rows that fits leave out')
     sub.add_argument('--base-parameters', action='store_true',
                      help='estimate base parameters only, by weighted least squares')
     # Other kinds of fits, each with options of its own.

@@ -220,8 +220,8 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
         The mechanism of numbers.
     table : ParameterSymbols
         Receives the symbols: m mass, r center of mass, I moment of inertia, l place of
-        the joint, k stiffness, s rest position, d damping, c quadratic damping, f
-        friction and w its speed, J armature, ke and de stiffness and damping of a drive,
+        the joint, k stiffness, s rest position, d damping, df fast damping and wd
+        its speed, f friction and w its speed, J armature, ke and de stiffness and damping of a drive,
         and others, with the body's number; p place of a frame; R radius, h height, L
         length of a constraint. Axes, rotations, multipliers and beams stay numbers.
     auxiliary : sequence of str
@@ -302,7 +302,8 @@ def _joint(table: ParameterSymbols, model: Model, number: int, joint: Joint) -> 
         'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
         'rest': ('s', length, rest_meaning),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
-        'quadratic_damping': ('c', f'{force} s^2/{length}^2', 'quadratic damping at'),
+        'fast_damping': ('df', f'{force} s/{length}', 'damping at high rates at'),
+        'damping_speed': ('wd', f'{length}/s', 'damping speed at'),
         'friction': ('f', force, 'Coulomb friction at'),
         'friction_backward': ('fb', force, 'Coulomb friction at negative rates at'),
         'breakaway_friction': ('fs', force, 'breakaway friction at'),

@@ -195,7 +195,7 @@ def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
     for body in robot.model.bodies:
         joint = body.joint
         if not has_linear_damping(joint):
-            raise InputError(f"torque_rate: joint '{joint.name}' has quadratic damping or "
+            raise InputError(f"torque_rate: joint '{joint.name}' has fast_damping or "
                              'Stribeck friction; expected neither')
 
 

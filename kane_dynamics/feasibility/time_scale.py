@@ -46,8 +46,8 @@ from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, deman
                                                      unit_torques, whole_motion)
 from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.friction import (is_nonlinear, refuse_load_friction,
-                                              stribeck_excess)
+from kane_dynamics.mechanics.friction import (damping_range, is_nonlinear,
+                                              refuse_load_friction, stribeck_excess)
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
@@ -415,10 +415,11 @@ def _refuse_falling_friction(robot: Robot) -> None:
 
 
 def _damping(robot: Robot) -> Array:
-    """Return the viscous friction coefficients of the coordinates, (n,)."""
+    """Return the least viscous friction coefficients of the coordinates, (n,)."""
     total = np.zeros(robot.n_q)
     for body in robot.model.bodies if robot.friction else ():
-        total[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.damping
+        least = damping_range(body.joint)[0]  # what is beyond it grows with the rate
+        total[body.joint.coordinate] += body.joint.multiplier**2 * least
     return total
 
 

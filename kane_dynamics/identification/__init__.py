@@ -21,7 +21,7 @@ from kane_dynamics.identification.recordings.diagnosis import diagnose, Recordin
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
-from kane_dynamics.identification.regression import friction_speeds, rows
+from kane_dynamics.identification.regression import rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration',
            'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation',
@@ -29,5 +29,5 @@ __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration
            'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
            'base_parameters', 'base_speeds',
            'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_motion',
-           'friction_speeds', 'identify', 'identify_drives', 'identify_payload',
+           'identify', 'identify_drives', 'identify_payload',
            'read_drive_recording', 'read_recording', 'rows', 'torque_delays']

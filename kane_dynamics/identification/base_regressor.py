@@ -8,11 +8,13 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION,
-                                                     full_regressor, RegressionRows,
-                                                     rows, settled_speeds, stacked_rows,
-                                                     UNBOUNDED, weights, without_losses)
+                                                     full_regressor, least_between,
+                                                     RegressionRows, rows, SPEEDS,
+                                                     stacked_rows, weights,
+                                                     without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -20,7 +22,7 @@ import numpy as np
 MOST_STATES = 100_000
 RANK = 1e-9  # smallest pivot of independent columns, relative to the largest
 ROUNDS = 8  # of reweighting, which converges in three or four
-USUAL = 0.05  # rad/s or m/s, initial friction speed of the search
+TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +217,9 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
 @on_one_processor
 def base_speeds(data: RegressionRows, model: Model) -> Array:
     """
-    Return the friction speeds that fit best with free base parameters, (n,), rad/s or m/s.
+    Return the friction speeds that fit best with free parameters, (n,), rad/s or m/s.
+
+    Each joint has free inertial parameters of its own here.
 
     Parameters
     ----------
@@ -224,25 +228,27 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
     model : Model
         Model; its structure is used, not its masses.
 
-    Raises
-    ------
-    InputError
-        If the motion does not excite all base parameters; the message names one.
-
     """
     instance(data, RegressionRows, 'data')
     instance(model, Model, 'model')
-    bodies = 10 * len(model.bodies)
+    speeds = []
+    for j in range(model.n):
+        moves = data.moving[:, j]
+        u = data.recording.u[moves, j]
+        tau = (data.recording.tau - data.rest)[moves, j]
+        others = np.column_stack([data.Y[moves, j], u, data.recording.udot[moves, j],
+                                  np.ones(len(u))])
+        basis = scientific('scipy.linalg').orth(others, rcond=RANK)
 
-    def rigid(speeds: Array) -> Array:
-        """Return the fitted rigid-body torque at given friction speeds."""
-        fit = fit_base(data, model, speeds)
-        inertial = fit.base.columns < bodies
-        return np.asarray(data.Y[:, :,
-                                 fit.base.columns[inertial]] @ fit.values[inertial])
-    # Friction speeds and rigid-body parameters depend on each other: fitted in turn
-    # until both settle.
-    return settled_speeds(data, np.full(model.n, USUAL), rigid, UNBOUNDED)
+        def missed(speed: float, u: Array = u, tau: Array = tau,
+                   basis: Array = basis) -> float:
+            """Return the squares that Coulomb friction of a speed leaves of the torque."""
+            pair = np.column_stack([coulomb(u, speed), tau])
+            alone = pair - basis @ (basis.T @ pair)
+            slip, left = alone.T
+            return float(left @ left - (slip @ left)**2 / max(slip @ slip, TINY))
+        speeds.append(least_between(missed, SPEEDS, 1e-6))
+    return np.array(speeds)
 
 
 def base_error(fit: BaseFit, data: RegressionRows, speeds: Array) -> Array:

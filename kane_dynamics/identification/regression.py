@@ -3,9 +3,7 @@ Linear equations of identification: torque = Y phi + friction and armature terms
 
 The unknowns, in order: ten inertial parameters per body as in
 `mechanics.recursive.regressor`, then damping, Coulomb friction, armature and offset of
-each joint. The friction speed of Coulomb friction enters nonlinearly. It is given, or
-chosen for each joint: by `friction_speeds` for given bodies, by `settled_speeds` for
-unknown bodies.
+each joint. The friction speed of Coulomb friction enters nonlinearly.
 
 The torque of a joint at rest is undetermined within the limits of stiction and contains
 no information on its parameters: its equations omit rows in which it is slower than a
@@ -15,14 +13,11 @@ friction).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
-from kane_dynamics._util.checks import instance, number, real_numbers
-from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.qr_factor import Factor
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
                                                                require_rigid_links,
@@ -34,13 +29,9 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
-FAR_ABOVE = 1e12  # N m or N, of coefficients of friction
 LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # lower bounds of FRICTION
 UNBOUNDED = np.full(4, -np.inf)
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
-TURNS = 10  # largest number of alternating fits of bodies and speeds
-STAYS = 0.02  # relative change of a converged speed
-STRETCHES = 4  # number of blocks of consecutive rows, factorized separately
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,39 +72,6 @@ class RegressionRows:
                               self.rigid[chosen],
                               self.rest[chosen], self.Y[chosen], self.moving[chosen])
 
-    @lazy_property
-    def stretches(self) -> list['RegressionRows']:
-        """Return the rows as consecutive blocks of equal length."""
-        bounds = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
-        blocks = []
-        for first, end in pairwise(bounds):
-            blocks.append(self.part(slice(first, end)))
-        return blocks
-
-    @lazy_property
-    def factors(self) -> list[Factor]:
-        """Return for each joint the factorized columns that do not depend on friction speeds."""
-        # The unknowns are the inertial parameters, then the four of `FRICTION` of each joint;
-        # the torque is the last column.
-        _, n, n_inertial = self.Y.shape
-        tau = self.recording.tau - self.rest
-        torque_column = n_inertial + 4 * n
-        factors = []
-        for j in range(n):
-            moves = self.moving[:, j]
-            Y = self.Y[moves, j]
-            used = np.flatnonzero(Y.any(axis=0))
-            u = self.recording.u[moves, j]
-            udot = self.recording.udot[moves, j]
-            # Coulomb friction is left out: its column depends on the friction speed.
-            damping = n_inertial + 4 * j
-            coulomb_friction, armature, offset = damping + 1, damping + 2, damping + 3
-            places = np.concatenate([used, [damping, armature, offset, torque_column]])
-            table = np.column_stack([Y[:, used], u, udot, np.ones(len(u)), tau[moves, j]])
-            Q, R = np.linalg.qr(table)
-            factors.append(Factor(places, coulomb_friction, u, Q, R))
-        return factors
-
 
 def without_losses(model: Model) -> Model:
     """Return the model without friction and armature at joints with a coordinate of their own."""
@@ -153,78 +111,6 @@ def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
                             np.ones(len(u))])
 
 
-def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST
-                 ) -> tuple[Array, float]:
-    """
-    Fit friction and armature of a joint, with lower bounds `lowest`, for given bodies.
-
-    Returns
-    -------
-    (4,) array
-        Damping, friction, armature and offset.
-    float
-        Sum of squares of the residual, (N m)^2 or N^2.
-
-    """
-    return _fitted_friction(_friction_factor(data, joint), speed, lowest)
-
-
-def _friction_factor(data: RegressionRows, joint: int) -> Factor:
-    """Return the factorized friction equations of a joint for given bodies."""
-    moves = data.moving[:, joint]
-    if moves.sum() < 10:
-        raise InputError(f"joint '{data.joint_names[joint]}': moves in {moves.sum()} "
-                         'rows of the fit; expected at least 10')
-    # What the bodies do not explain is damping, armature and an offset; the column of
-    # Coulomb friction, which depends on the friction speed, comes later.
-    left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
-    u = data.recording.u[moves, joint]
-    udot = data.recording.udot[moves, joint]
-    columns = np.column_stack([u, udot, np.ones(len(u)), left[moves]])
-    Q, R = np.linalg.qr(columns)
-    return Factor(np.array([0, 2, 3, 4]), 1, u, Q, R)
-
-
-def _fitted_friction(factor: Factor, speed: float, lowest: Array) -> tuple[Array, float]:
-    """Return the result of `fit_friction` for factorized equations."""
-    R = factor.with_coulomb(speed, 5)
-    found = scientific('scipy.optimize').lsq_linear(
-        R[:, :-1], R[:, -1], bounds=(lowest, np.inf), method='bvls').x
-    x = np.maximum(found, lowest)  # the solver exceeds bounds by rounding errors
-    missed = R[:, -1] - R[:, :-1] @ x
-    return x, float(missed @ missed)
-
-
-def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
-    """
-    Return the friction speed that fits best for each joint, (n,), rad/s or m/s.
-
-    It is searched among `SPEEDS`, then between the neighbors of the best one.
-    """
-    # A fit for each joint by itself: its friction speed alone is not linear.
-    instance(data, RegressionRows, 'data')
-    try:
-        lowest = real_numbers(lowest)
-    except (TypeError, ValueError):
-        lowest = np.empty(0)
-    if lowest.shape != (4,) or not (lowest < FAR_ABOVE).all():
-        raise InputError('lowest: no four numbers, or one too large; expected the lowest '
-                         'value of each coefficient, N m, or -inf')
-    speeds = []
-    for joint in range(data.rigid.shape[1]):
-        speeds.append(_friction_speed(data, joint, lowest))
-    return np.array(speeds)
-
-
-def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
-    """Return the friction speed that fits best for a joint."""
-    factor = _friction_factor(data, joint)
-
-    def missed(speed: float) -> float:
-        return _fitted_friction(factor, speed, lowest)[1]
-    return least_between(missed, SPEEDS, 1e-6)
-
-
 def least_between(function: Callable[[float], float], candidates: Array,
                   tolerance: float) -> float:
     """
@@ -246,33 +132,23 @@ def least_between(function: Callable[[float], float], candidates: Array,
     return at_best
 
 
-def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array], Array],
-                   lowest: Array = LOWEST) -> Array:
-    """
-    Return the friction speeds that fit best for unknown inertial parameters.
-
-    Bodies and speeds are fitted alternately until the speeds converge; each fit reduces
-    the same sum of squares. Speeds fitted to wrong bodies compensate part of their
-    error, and vice versa.
-
-    Parameters
-    ----------
-    data : RegressionRows
-        The rows to fit.
-    speeds : (n,) array
-        Initial speeds, rad/s or m/s.
-    rigid : callable
-        Fits the bodies for given speeds and returns their torque, (N, n), N m or N.
-    lowest : (4,) array
-        Lower bounds of damping, friction, armature and offset.
-
-    """
-    for _ in range(TURNS):
-        before, speeds = speeds, friction_speeds(replace(data, rigid=rigid(speeds)),
-                                                 lowest)
-        if np.abs(np.log(speeds / before)).max() < STAYS:
-            break
-    return speeds
+def bounded(A: Array, b: Array, lowest: Array) -> Array:
+    """Return the least-squares solution of A x = b whose entries are at least `lowest`."""
+    free = ~np.isfinite(lowest)
+    # Unknowns without bounds are eliminated by the first columns of R, then solved for.
+    order = np.argsort(~free, kind='stable')
+    count = int(free.sum())
+    R = triangle(np.column_stack([A[:, order], b]))
+    x = np.zeros(len(order))
+    rest = R[count:, -1] - R[count:, count:-1] @ lowest[order[count:]]
+    if count < len(order):
+        solution = scientific('scipy.optimize').nnls(R[count:, count:-1], rest)[0]
+        x[count:] = solution + lowest[order[count:]]
+    remaining = R[:count, -1] - R[:count, count:-1] @ x[count:]
+    x[:count] = np.linalg.lstsq(R[:count, :count], remaining, rcond=None)[0]
+    result = np.zeros(len(order))
+    result[order] = x
+    return result
 
 
 def full_regressor(data: RegressionRows, speeds: Array) -> Array:
@@ -308,24 +184,24 @@ def compressed(data: RegressionRows,
             raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of "
                              f'the fit; expected more than {columns + 1} for {columns} '
                              'unknowns')
-    # QR of the QR of consecutive blocks: [R z; 0 f] for each joint, where f^2 is the sum of
-    # squares that no parameters reduce. With few columns in use that row may be missing.
-    parts = [factorized(part, speeds) for part in data.stretches]
     equations = []
     floor = np.zeros(len(counts))
-    for j, of_joint in enumerate(zip(*parts, strict=True)):
-        R = triangle(np.vstack(of_joint))
-        if len(R) > columns:
-            floor[j] = R[-1, -1]**2
-        equations.append((R[:columns, :-1], R[:columns, -1]))
+    bodies = data.Y.shape[2]
+    # R of each joint: bodies, its own friction and the torque; other columns are zero.
+    for j in range(len(counts)):
+        moves = data.moving[:, j]
+        own = friction_columns(data.recording, j, float(speeds[j]))
+        tau = data.recording.tau[:, j] - data.rest[:, j]
+        table = np.column_stack([data.Y[:, j], own, tau])[moves]
+        used = np.flatnonzero(table.any(axis=0))
+        R = triangle(table[:, used])
+        # The last row has the residual that no parameter reduces.
+        floor[j] = R[-1, -1]**2
+        places = np.concatenate([np.arange(bodies), bodies + 4 * j + np.arange(4), [columns]])
+        full = np.zeros((len(R) - 1, columns + 1))
+        full[:, places[used]] = R[:-1]
+        equations.append((full[:, :-1], full[:, -1]))
     return equations, floor, counts
-
-
-def factorized(data: RegressionRows, speeds: Array) -> list[Array]:
-    """Return R of each joint's equations [X | torque] in its rows in motion."""
-    columns = data.Y.shape[2] + 4 * data.Y.shape[1] + 1
-    return [factor.with_coulomb(float(speed), columns)
-            for factor, speed in zip(data.factors, speeds, strict=True)]
 
 
 def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array,

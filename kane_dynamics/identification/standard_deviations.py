@@ -13,32 +13,22 @@ ratio:
     covariance = P (A^T A + w max(1, w distance / determined_count) G) P.
 """
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.base_regressor import base_deviations, base_parameters
 from kane_dynamics.identification.physical_consistency import prior_metric, prior_parameters
 from kane_dynamics.model.model import Model
 import numpy as np
 
 
-def friction_statistics(A: Array, model: Model) -> tuple[Array, Array, float]:
-    """Return `statistics` of a fit of friction alone; deviations of inertials are NaN."""
-    information = A.T @ A
-    own = slice(10 * len(model.bodies), None)
-    inverse, condition = _inverse(information[own, own])
-    return (_deviations(inverse).reshape(-1, 4),
-            np.full((len(model.bodies), 10), np.nan),
-            condition)
-
-
-def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
-               ) -> tuple[Array, Array, float]:
+def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float,
+               losses: int) -> tuple[Array, Array, Array, float]:
     """
     Return standard deviations of the unknowns and the condition number.
 
     Parameters
     ----------
-    A : (m, 10 bodies + 4 n) array
-        Equations, each divided by its standard deviation.
+    A : (m, 10 bodies + losses n + further) array
+        Equations, each divided by its standard deviation; zeros of unused columns.
     model : Model
         Its inertials are the prior.
     x : (10 bodies + 4 n,) array
@@ -46,7 +36,9 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
     speeds : (n,) array
         Friction speed of each joint, rad/s or m/s.
     weight : float
-        Weight of the prior.
+        Weight of the prior; infinite for given bodies.
+    losses : int
+        Columns of each joint, of which the first four are the losses of x.
 
     Returns
     -------
@@ -54,36 +46,52 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
         Standard deviations of damping, friction, armature and offset.
     (bodies, 10) array
         Standard deviations of inertial parameters; NaN if not identifiable by
-        themselves.
+        themselves, or given.
+    (k, k) array
+        Covariance of all columns of A; zeros of those that are not fitted.
     float
         Condition number of the equations with the prior, columns scaled to unit length.
 
     """
-    size = 10 * len(model.bodies)
+    size, n = 10 * len(model.bodies), model.n
+    used: Flags = np.asarray(A.any(axis=0))
+    is_given = np.isinf(weight)
+    used[:size] = not is_given
     # The metric of the prior, block by block, and the distance of the result from it.
     G = np.zeros((A.shape[1], A.shape[1]))
-    for k, body in enumerate(model.bodies):
-        block = slice(10 * k, 10 * k + 10)
-        G[block, block] = prior_metric(body.inertial)
     change = np.zeros(A.shape[1])
-    change[:size] = x[:size] - np.concatenate([prior_parameters(body.inertial)
-                                               for body in model.bodies])
+    for k, body in enumerate(model.bodies if not is_given else ()):
+        block = slice(10 * k, 10 * k + 10)
+        G[block, block] = weight * prior_metric(body.inertial)
+        change[block] = x[block] - prior_parameters(body.inertial)
+    places = np.ix_(used, used)
     # Information of the data and of the prior; P is the covariance of both.
-    information = A.T @ A
-    P, condition = _inverse(information + weight * G)
+    information = A[:, used].T @ A[:, used]
+    P, condition = _inverse(information + G[places])
     # The unknowns that the data determine, and how much farther than expected the prior
     # was moved.
-    determined_count = max(size - weight * float(np.trace(P @ G)), 1.0)
-    overdone = max(1.0, weight * float(change @ G @ change) / determined_count)
+    determined_count = max(size - float(np.trace(P @ G[places])), 1.0)
+    overdone = max(1.0, float(change @ G @ change) / determined_count)
     # The covariance of the estimate, with the bias of the prior as variance.
-    every = _deviations(P @ (information + weight * overdone * G) @ P)
-    # Base parameters alone can be stated singly; others are undetermined.
+    covariance = np.zeros_like(G)
+    covariance[places] = P @ (information + overdone * G[places]) @ P
+    every = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    of_losses = every[size:size + losses * n].reshape(n, losses)[:, :4]
+    single = np.full((len(model.bodies), 10), np.nan)
+    if is_given:
+        return of_losses, single, covariance, condition
+    # Base parameters alone can be stated singly; others are undetermined. All other
+    # columns are those of further terms.
     base = base_parameters(model, speeds)
-    single = np.full(A.shape[1], np.nan)
-    single[base.columns] = np.maximum(base_deviations(A[:, base.columns]),
-                                      every[base.columns])
-    single[~base.single] = np.nan
-    return every[size:].reshape(-1, 4), single[:size].reshape(-1, 10), condition
+    kept = np.concatenate([np.arange(size), (size + losses * np.arange(n)[:, None]
+                                             + np.arange(4)).ravel()])
+    columns = kept[base.columns]
+    further = np.setdiff1d(np.flatnonzero(used), kept)
+    alone = base_deviations(A[:, np.concatenate([columns, further]).astype(int)])
+    deviations = np.full(size + 4 * n, np.nan)
+    deviations[base.columns] = np.maximum(alone[:len(columns)], every[columns])
+    deviations[~base.single] = np.nan
+    return of_losses, deviations[:size].reshape(-1, 10), covariance, condition
 
 
 def _inverse(information: Array) -> tuple[Array, float]:
@@ -92,8 +100,3 @@ def _inverse(information: Array) -> tuple[Array, float]:
     scaled = information / np.outer(scale, scale)
     return (np.asarray(np.linalg.pinv(scaled) / np.outer(scale, scale)),
             float(np.sqrt(np.linalg.cond(scaled))))
-
-
-def _deviations(covariance: Array) -> Array:
-    """Return the standard deviations of unknowns with this covariance."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

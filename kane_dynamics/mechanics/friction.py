@@ -4,11 +4,12 @@ The friction law of a joint.
 With the rate v of the joint and the load L on its drive, the torque that overcomes
 friction is
 
-    friction(v, L) = d v + c v |v| + offset + (level(v) + mu |L|) y + (h + k L) y^2
+    friction(v, L) = D(v) v + offset + (level(v) + mu |L|) y + (h + k L) y^2
     y = tanh(v / u_s),    level(v) = mu_c + e exp(-(v / v_s)^2)
+    D(v) = d_f + (d - d_f) / (1 + |v| / v_d)
 
-with the fields of `model.Joint`: ``damping`` d, ``quadratic_damping`` c,
-``friction_offset``, ``friction_speed`` u_s and ``stribeck_speed`` v_s. Where y is 1 or
+with the fields of `model.Joint`: ``damping`` d, ``fast_damping`` d_f, ``damping_speed``
+v_d, ``friction_offset``, ``friction_speed`` u_s and ``stribeck_speed`` v_s. Where y is 1 or
 -1, Coulomb friction is ``friction`` for positive and ``friction_backward`` for negative
 rates: mu_c is their mean, h half their difference. Stribeck friction e is what
 ``breakaway_friction`` exceeds ``friction`` by, in both directions. Load friction is
@@ -31,7 +32,7 @@ deflection z of bristles (Dahl 1968; LuGre: Canudas de Wit, Olsson, Astrom & Lis
 IEEE Trans. Automatic Control 40 (1995)):
 
     z' = v - s |v| z / g(v, L)
-    F = d v + c v |v| + offset + s z + s_d z'
+    F = D(v) v + offset + s z + s_d z'
 
 with ``presliding_damping`` s_d and the friction g of sliding, ``level(v) + mu |L|`` in
 the direction of motion. In steady sliding F is the law above with y of 1 or -1. The load of
@@ -87,18 +88,30 @@ def has_dry_friction(joint: Joint) -> bool:
 
 def is_nonlinear(joint: Joint) -> bool:
     """Return whether the friction of a joint is more than damping times its rate."""
-    return bool(has_dry_friction(joint) or joint.quadratic_damping)
+    return bool(has_dry_friction(joint) or has_curved_damping(joint))
+
+
+def has_curved_damping(joint: Joint) -> bool:
+    """Return whether viscous friction is not in proportion to the rate."""
+    return joint.fast_damping is not None
+
+
+def damping_range(joint: Joint) -> tuple[Any, Any]:
+    """Return the least and the largest slope of viscous friction, N m s/rad or N s/m."""
+    if joint.fast_damping is None:
+        return joint.damping, joint.damping
+    return min(joint.damping, joint.fast_damping), max(joint.damping, joint.fast_damping)
 
 
 def has_linear_damping(joint: Joint) -> bool:
     """Return whether friction in one direction is linear in the rate, but for its smoothing."""
     stribeck = joint.stribeck_speed and stribeck_excess(joint)
-    return not (joint.quadratic_damping or stribeck)
+    return not (has_curved_damping(joint) or stribeck)
 
 
 def has_friction(joint: Joint) -> bool:
     """Return whether a joint has friction of any kind."""
-    return bool(joint.damping or joint.quadratic_damping or has_dry_friction(joint))
+    return bool(joint.damping or joint.fast_damping or has_dry_friction(joint))
 
 
 def carries_load(joint: Joint) -> bool:
@@ -226,8 +239,10 @@ def feedforward_direction(joint: Joint, rate: Scalar, acceleration: Scalar,
 def friction_slope(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
     """Return the derivative of `friction_torque` by the rate, N m s or N s/m."""
     slope: Scalar = joint.damping
-    if joint.quadratic_damping:
-        slope = slope + (2.0 * joint.quadratic_damping) * magnitude(rate)
+    fast = joint.fast_damping
+    if fast is not None:
+        share = _share_of_slow(joint, rate)
+        slope = fast + (joint.damping - fast) * (share * share)
     if has_dry_friction(joint):
         # d tanh(x) / dx = 1 - tanh(x)^2
         y = coulomb(rate, joint.friction_speed)
@@ -308,11 +323,11 @@ def friction_over_rate(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar
 
 
 def viscous_over_rate(joint: Joint, rate: Scalar) -> Scalar:
-    """Return linear and quadratic damping divided by the rate, N m s or N s/m."""
-    ratio: Scalar = joint.damping
-    if joint.quadratic_damping:
-        ratio = ratio + joint.quadratic_damping * magnitude(rate)
-    return ratio
+    """Return viscous friction divided by the rate, D(v), N m s or N s/m."""
+    fast = joint.fast_damping
+    if fast is None:
+        return joint.damping
+    return fast + (joint.damping - fast) * _share_of_slow(joint, rate)
 
 
 def has_bristles(joint: Joint) -> bool:
@@ -514,11 +529,13 @@ def refuse_load_friction(model: Model, what: str) -> None:
 
 
 def _viscous(joint: Joint, rate: Scalar) -> Scalar:
-    """Return linear and quadratic damping, N m or N."""
-    torque = joint.damping * rate
-    if joint.quadratic_damping:
-        torque = torque + joint.quadratic_damping * (magnitude(rate) * rate)
-    return torque
+    """Return viscous friction, N m or N."""
+    return viscous_over_rate(joint, rate) * rate
+
+
+def _share_of_slow(joint: Joint, rate: Scalar) -> Scalar:
+    """Return 1 / (1 + |v| / v_d), the share that the damping at rest has at a rate."""
+    return 1.0 / (1.0 + magnitude(rate) * (1.0 / joint.damping_speed))
 
 
 def _sliding_levels(joint: Joint, rate: Scalar, load: Scalar) -> tuple[Scalar, Scalar]:

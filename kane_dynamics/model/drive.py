@@ -29,7 +29,7 @@ from kane_dynamics.errors import InputError, ModelError
 
 # Power of the ratio by which a motor-side parameter of friction is multiplied on the
 # joint's side: torques by 1, rates by -1. A factor of the load has none.
-FRICTION_POWERS = {'damping': 2, 'quadratic_damping': 3, 'friction': 1,
+FRICTION_POWERS = {'damping': 2, 'fast_damping': 2, 'damping_speed': -1, 'friction': 1,
                    'friction_backward': 1, 'breakaway_friction': 1,
                    'stribeck_speed': -1, 'load_friction': 0,
                    'load_friction_backdriven': 0, 'friction_speed': -1,

@@ -243,9 +243,11 @@ def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body
                              'and its motor, or neither')
         # The joint's position is its multiplier times the coordinate.
         r = joint.multiplier
+        of_drive = drive.damping / (r * r)
+        fast = joint.fast_damping
         joint = replace(joint, stiffness=drive.stiffness / (r * r),
-                        rest=r * held_position,
-                        damping=joint.damping + drive.damping / (r * r))
+                        rest=r * held_position, damping=joint.damping + of_drive,
+                        fast_damping=None if fast is None else fast + of_drive)
         bodies[moving] = replace(bodies[moving], joint=joint)
     return list(bodies.values())
 

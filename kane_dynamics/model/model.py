@@ -36,13 +36,14 @@ __all__ = ['Array',
 GRAVITY = (0.0, 0.0, -9.81)
 ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 # The fields of `Joint` of its friction law, but for the speed of its smoothing.
-FRICTION = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
+FRICTION = ('damping', 'fast_damping', 'damping_speed', 'friction', 'friction_backward',
             'breakaway_friction', 'stribeck_speed', 'load_friction',
             'load_friction_backdriven', 'friction_offset', 'presliding_stiffness',
             'presliding_damping')
-NONNEGATIVE = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
+POSITIVE = ('friction_speed', 'damping_speed')
+NONNEGATIVE = ('damping', 'fast_damping', 'friction', 'friction_backward',
                'breakaway_friction', 'stribeck_speed', 'load_friction',
-               'load_friction_backdriven', 'friction_speed', 'presliding_stiffness',
+               'load_friction_backdriven', *POSITIVE, 'presliding_stiffness',
                'presliding_damping', 'armature', 'stiffness')
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
@@ -119,10 +120,14 @@ class Joint:
     multiplier, offset : float
     limits : Limits
     damping : float
-        Viscous friction, N m s/rad or N s/m.
-    quadratic_damping : float
-        Friction that grows with the square of the rate, N m s^2/rad^2 or N s^2/m^2: the
-        torque is ``quadratic_damping * rate * |rate|``.
+        Viscous friction, N m s/rad or N s/m: friction over rate near standstill.
+    fast_damping : float, optional
+        Viscous friction over rate at rates far above `damping_speed`. Below `damping`,
+        friction flattens as of lubricated gears; above, it grows faster than the rate.
+        Default: `damping`.
+    damping_speed : float
+        Rate at which viscous friction over rate is the mean of both, rad/s or m/s,
+        positive.
     friction : float
         Coulomb friction at positive rates, N m or N, smoothed as ``friction *
         tanh(rate / friction_speed)``.
@@ -178,7 +183,8 @@ class Joint:
     offset: float = 0.0
     limits: Limits = Limits()
     damping: float = 0.0
-    quadratic_damping: float = 0.0
+    fast_damping: float | None = None
+    damping_speed: float = 1.0
     friction: float = 0.0
     friction_backward: float | None = None
     breakaway_friction: float | None = None
@@ -224,7 +230,7 @@ class Joint:
             if value < 0.0:
                 raise ModelError(f'{what}: {name} {value}; expected a nonnegative '
                                  'number')
-            if name == 'friction_speed' and value == 0.0:
+            if name in POSITIVE and value == 0.0:
                 raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
         if self.drive is not None and not isinstance(self.drive, Drive):

@@ -6,8 +6,8 @@ the armatures p: tau = tau_0 + Y (p - p_0). If each parameter lies within p_0 +-
 independently of the others, the torque of each actuator lies within tau_0 +- |Y| delta,
 and reaches both ends: the bounds are exact for the box.
 
-The friction speed enters nonlinearly and is taken as known; so are quadratic damping and
-what breakaway friction exceeds Coulomb friction by.
+The friction speed enters nonlinearly and is taken as known; so are the damping at
+high rates and what breakaway friction exceeds Coulomb friction by.
 
 With load friction, tau = L + friction(v, L), where the load L is linear in the inertial
 parameters and in the armatures, and lies within L_0 +- delta_L. At a given rate the right
@@ -43,7 +43,8 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (carries_load, carries_loads, coulomb_levels,
-                                              friction_torque, refuse_load_friction)
+                                              friction_torque, has_curved_damping,
+                                              refuse_load_friction)
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Inertial, Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -98,8 +99,8 @@ class Uncertainty:
     """
     Box of uncertain parameters: each lies within plus or minus a number of its value.
 
-    `Uncertainty.of` makes one from relative errors. Quadratic damping, the friction speeds
-    and what breakaway friction exceeds Coulomb friction by are taken as known.
+    `Uncertainty.of` makes one from relative errors. The damping at high rates, the
+    friction speeds and what breakaway friction exceeds Coulomb friction by are taken as known.
 
     Attributes
     ----------
@@ -599,6 +600,8 @@ def _with_only(joint: Joint, name: str) -> Joint:
     plain = Joint('plain', 'revolute', joint.axis)
     friction: dict[str, Any] = {term: getattr(plain, term) for term in LAW_FIELDS}
     friction[name] = 1.0
+    if name == 'damping' and has_curved_damping(joint):
+        friction.update(fast_damping=0.0, damping_speed=joint.damping_speed)
     return replace(joint, **friction)
 
 

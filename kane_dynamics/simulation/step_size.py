@@ -13,7 +13,8 @@ from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.elastic_joints import steepest_slope
-from kane_dynamics.mechanics.friction import bristle_decay, has_bristles, has_friction
+from kane_dynamics.mechanics.friction import (bristle_decay, damping_range,
+                                              has_bristles, has_friction)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Joint, Model
@@ -310,8 +311,8 @@ def _with_bound_bristles(robot: Robot) -> Robot:
     def changed(joint: Joint) -> Joint:
         if not has_bristles(joint):
             return joint
-        damping = joint.damping + joint.presliding_damping
-        return replace(joint, damping=damping, **SLIDELESS)
+        largest = damping_range(joint)[1] + joint.presliding_damping
+        return replace(joint, damping=largest, fast_damping=None, **SLIDELESS)
     return _with_changed_joints(robot, 'bound bristles', changed)
 
 

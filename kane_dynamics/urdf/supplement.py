@@ -9,7 +9,8 @@ Schema; every key is optional unless noted::
         stiffness: 5.0          # spring towards `rest`, N m/rad or N/m, >= 0
         rest: 0.0               # rad or m
         damping: 0.5            # viscous, for the URDF's, N m s/rad or N s/m, >= 0
-        quadratic_damping: 0.1  # of the rate times its magnitude, N m s^2/rad^2, >= 0
+        fast_damping: 0.2       # at rates far above damping_speed, >= 0; default: damping
+        damping_speed: 1.0      # at which it is the mean of both, rad/s or m/s, > 0
         friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
         friction_backward: 1.0  # at negative rates, N m or N, >= 0; default: friction
         breakaway_friction: 1.5 # at rest, N m or N, >= friction; default: friction
@@ -73,7 +74,7 @@ from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.flexible_link import FlexibleLink
 from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.mode_shapes import Bending, Torsion
-from kane_dynamics.model.model import FRICTION
+from kane_dynamics.model.model import FRICTION, POSITIVE
 import numpy as np
 
 DRIVE_KEYS = ('side', 'ratio', 'stiffness', 'damping', 'rotor_inertia', 'friction',
@@ -171,7 +172,7 @@ def _joint(name: str, data: Any) -> dict[str, float]:
     properties = {}
     for key, value in mapping(data, what, JOINT_KEYS).items():
         properties[key] = _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
-                                  positive=key == 'friction_speed')
+                                  positive=key in POSITIVE)
     return properties
 
 

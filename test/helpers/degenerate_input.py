@@ -251,7 +251,7 @@ def stated():
         'identification.base_parameters': {'speeds': np.full(2, 0.05), 'states': 40},
         'identification.base_speeds': {},
         'identification.fit_base': {'speeds': np.full(2, 0.05)},
-        'identification.friction_speeds': {}, 'plot.check_path': {'path': 'a.png'},
+        'plot.check_path': {'path': 'a.png'},
         'Bending': {'tip_mass': 0.3}, 'Body': {'joint': arm().model.bodies[0].joint},
         'Joint': {'name': 'a', 'kind': 'revolute', 'axis': (0, 0, 1.0)},
         'Frame': {'body': 0, 'name': 'f'}, 'Closure': {'first': 'tip', 'second': 'base'},

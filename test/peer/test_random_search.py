@@ -38,7 +38,7 @@ SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '3600'))
 SEED = int(os.environ.get('KANE_DYNAMICS_SEARCH_SEED', time.time_ns() % 2**32))
 TOLERANCE = 1e-8
 MOST_FAILURES = 10
-NO_FRICTION = {'friction': 0.0, 'friction_offset': 0.0, 'quadratic_damping': 0.0,
+NO_FRICTION = {'friction': 0.0, 'friction_offset': 0.0, 'fast_damping': None,
                'friction_backward': None, 'breakaway_friction': None,
                'load_friction': 0.0, 'load_friction_backdriven': None}
 LONGEST = 64  # joints of a tree
@@ -166,7 +166,7 @@ def with_other_friction(model, rng):
         law = {}
         if joint.friction and rng.random() < 0.5:
             level = joint.friction
-            law = {'quadratic_damping': joint.damping * rng.uniform(0.0, 1.0),
+            law = {'fast_damping': joint.damping * rng.uniform(0.0, 2.0),
                    'friction_backward': level * rng.uniform(0.5, 1.5),
                    'breakaway_friction': level * rng.uniform(1.0, 1.5),
                    'stribeck_speed': 0.2}

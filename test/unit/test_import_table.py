@@ -61,7 +61,7 @@ PARTS = {
         runtime
         """,
     'identification': """
-        qr_factor solvers
+        solvers
         recordings
         regression
         base_regressor physical_consistency

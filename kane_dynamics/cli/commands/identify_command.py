@@ -42,7 +42,7 @@ import numpy as np
 AXES = 'xyz'
 DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew', 'torque_delay')
 NEAR = 0.1  # rad or m, of locked joints: computed at 0 in place of their positions
-FURTHER = ('quadratic_damping', 'load_friction', 'presliding')  # terms of friction laws
+FURTHER = ('fast_damping', 'load_friction', 'presliding')  # terms of friction laws
 
 
 @dataclass(frozen=True)
@@ -194,16 +194,38 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
     # account.
     model, recording = _without_doubtful_gravity(options, model)
     with progress_bar('identifying', 1.0) as progress:
-        result = identify(model, recording, friction_only=options.friction_only,
+        result = identify(model, recording, test=_test(options, model),
+                          friction_only=options.friction_only,
                           bounded=not options.unbounded, weight=options.weight,
                           standstill=options.standstill, friction=options.friction,
-                          diagnosed=True,
+                          coupled=options.coupled or (), diagnosed=True,
                           progress=progress)
     files: Sequence[str] = ()
     if options.out:
         files = write_model(source_of(options), result.model, options.out)
+        if result.coupled:
+            warn('coupled motors are no part of the written URDF, which has no words for them; '
+                 'Identification.torque has them')
     data = {**model_data(result, recording), 'files': list(files)}
     return Outcome(data, recording.t, recording.tau, result.torque(recording))
+
+
+def _test(options: Namespace, model: Model) -> Recording | None:
+    """Return the recording of --test, read by the same options; None without one."""
+    if options.test is None:
+        return None
+    stated = Namespace(**{**vars(options), 'recording': options.test})
+    return _without_doubtful_gravity(stated, model)[1]
+
+
+def _coupled_data(result: Identification) -> list[dict[str, Any]]:
+    """Return the coupled motors as plain data."""
+    data = []
+    for (first, second, sign), values in zip(result.coupled, result.fit.couplings, strict=True):
+        names = ('damping', 'friction', 'inertia')
+        data.append({'joints': [first, second], 'sign': sign,
+                     **dict(zip(names, values.tolist(), strict=True))})
+    return data
 
 
 def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
@@ -223,7 +245,9 @@ def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
         'rms_before': result.before, 'rms_fitted': result.fitted,
         'rms_held_out': result.held_out, 'rms_fitted_moving': result.fitted_moving,
         'rms_held_out_moving': result.held_out_moving, 'friction': friction,
-        'laws': list(result.laws), 'candidates': candidates,
+        'law': result.law, 'candidates': candidates, 'tested': result.tested,
+        'coupled': _coupled_data(result),
+        'suspected': [list(pair) for pair in result.suspected],
         'standard_deviations': dict(zip(FRICTION, result.deviations.T.tolist(),
                                         strict=True)),
         'inertials': _identifiable(result),
@@ -249,12 +273,14 @@ def _identifiable(result: Identification) -> dict[str, dict[str, dict[str, float
 
 def print_model(data: dict[str, Any]) -> None:
     """Print the result of `model_data`."""
-    print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS '
-          'of torque error, N m or N, of all rows and of those in motion')
-    errors = ('rms_before', 'rms_fitted', 'rms_held_out', 'rms_fitted_moving',
-              'rms_held_out_moving')
-    print_table(['joint', 'before', 'fitted', 'held out', 'fitted, moving',
-                 'held out, moving'],
+    judged = 'the test recording' if data['tested'] else 'the second half'
+    fitted = 'to all rows' if data['tested'] else 'to the first half'
+    print(f'{data["rows"]} rows, all of them fitted; held out: a fit {fitted}, judged on '
+          f'{judged}; RMS of torque error, N m or N, of all rows and of those in motion')
+    errors = ('rms_before', 'rms_held_out', 'rms_fitted', 'rms_held_out_moving',
+              'rms_fitted_moving')
+    print_table(['joint', 'before', 'held out', 'fitted', 'held out, moving',
+                 'fitted, moving'],
                 zip(data['joint_names'], *(data[name] for name in errors), strict=True))
     print()
     _print_laws(data)
@@ -283,20 +309,28 @@ def _print_laws(data: dict[str, Any]) -> None:
             errors = []
             for of_law in data['candidates'].values():
                 errors.append(f'{of_law["rms"][k]:.3g} / {of_law["rms_moving"][k]:.3g}')
-            table.append([joint, *errors, data['laws'][k]])
-        print_table(['joint', *data['candidates'], 'chosen'], table)
-        print()
+            table.append([joint, *errors])
+        print_table(['joint', *data['candidates']], table)
+        print(f'chosen: {data["law"]}\n')
     # What the chosen law adds to Coulomb and viscous friction.
     further = []
-    for k, (joint, law) in enumerate(zip(data['joint_names'], data['laws'], strict=True)):
-        if law != COULOMB.name:
-            values = [data['friction'][name][k] for name in FURTHER]
-            further.append([joint, law, *values])
-    if further:
-        print('further terms; revolute: N m s^2/rad^2, 1, and the travel of presliding in '
-              'rad; prismatic: N s^2/m^2, 1, m')
-        print_table(['joint', 'law of friction', *FURTHER], further)
+    for k, joint in enumerate(data['joint_names']):
+        further.append([joint, *[data['friction'][name][k] for name in FURTHER]])
+    if data['law'] != COULOMB.name:
+        print('further terms; revolute: N m s/rad, 1, and the travel of presliding in rad; '
+              'prismatic: N s/m, 1, m')
+        print_table(['joint', *FURTHER], further)
         print()
+    if data['coupled']:
+        print('coupled motors: friction and inertia on the sum or difference of two joints')
+        print_table(['joints', 'sign', 'damping', 'friction', 'inertia'],
+                    [[f'{row["joints"][0]}, {row["joints"][1]}', row['sign'],
+                      row['damping'], row['friction'], row['inertia']]
+                     for row in data['coupled']])
+        print()
+    for first, second, share in data['suspected']:
+        print(f"'{first}', '{second}': a motor that turns with both would explain "
+              f'{100.0 * share:.0f} % of their errors (--coupled {first} {second})\n')
 
 
 def _print_friction(data: dict[str, Any]) -> None:

@@ -10,12 +10,12 @@ import clarabel
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
                            Robot)
 from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
-                                          friction_speeds, identify, read_recording,
+                                          identify, read_recording,
                                           Recording, rows)
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.regression import (
-    compressed, fit_friction, full_regressor, LOWEST, RegressionRows, stacked_rows)
+    bounded, compressed, friction_columns, full_regressor, LOWEST, stacked_rows)
 from kane_dynamics.identification.result_files import written
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from mechanisms import with_inertials
@@ -103,8 +103,9 @@ def test_base_parameters_reproduce_every_torque():
 
 
 def test_identified_friction_speeds_are_those_of_the_arm():
-    data = rows(load_urdf(URDF), simulated(arm(), 6))
-    assert np.allclose(friction_speeds(data), 0.05, rtol=0.15)
+    model = load_urdf(URDF)
+    data = rows(model, simulated(arm(), 6))
+    assert np.allclose(base_speeds(data, model), 0.05, rtol=0.15)
 
 
 def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_path):
@@ -162,9 +163,7 @@ def test_bounded_friction_is_never_below_its_bound():
         u = rng.normal(size=(200, 1))
         tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
         still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
-        data = RegressionRows(still, ('joint',), *np.zeros((2, 200, 1)),
-                              np.zeros((200, 1, 10)), np.abs(u) > 0.0)
-        x, _ = fit_friction(data, 0, 0.05)
+        x = bounded(friction_columns(still, 0, 0.05), tau[:, 0], LOWEST)
         assert (x >= LOWEST).all(), seed
 
 
@@ -303,11 +302,11 @@ def test_rigid_body_torque_of_a_recording_is_the_references(name):
 
 
 @pytest.mark.parametrize('name', REAL)
-def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
+def test_identified_arm_beats_the_reference_of_a_real_recording_on_the_mean(name):
     _, _, model, recording = recorded(name)
-    worse = identify(model, recording).held_out >= REAL[name][1]
-    # Negative friction.
-    assert np.flatnonzero(worse).tolist() == ([3] if name == 'mujoco' else [])
+    # One law for the arm and one weight are chosen by the mean over joints.
+    ratios = identify(model, recording).held_out / np.array(REAL[name][1])
+    assert np.exp(np.log(ratios).mean()) < 0.8
 
 
 @cache

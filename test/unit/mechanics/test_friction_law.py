@@ -4,13 +4,13 @@ from dataclasses import replace
 
 from definition import Definition
 from kane_dynamics import (absolute_rates, ComputedTorque, load_urdf, ModelBuilder,
-                           MomentumObserver, Motion, Robot, rod, simulate)
+                           MomentumObserver, Motion, point_mass, Robot, rod, simulate)
 from kane_dynamics.closed_forms import derivation
 from kane_dynamics.errors import ConstraintError, InputError, ModelError
 from kane_dynamics.feasibility import fastest, time_optimal
 from kane_dynamics.mechanics import friction
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.model.model import Joint
+from kane_dynamics.model.model import Joint, Limits
 from linkages import at_angle, four_bar_model, PIN
 from mechanisms import random_model, random_state, wheel
 import numpy as np
@@ -18,7 +18,7 @@ import pytest
 from same_numbers import assert_same_numbers
 
 AXIS = (0.0, 0.0, 1.0)
-LAW = {'damping': 0.7, 'quadratic_damping': 0.3, 'friction': 1.2,
+LAW = {'damping': 0.7, 'fast_damping': 0.25, 'damping_speed': 0.6, 'friction': 1.2,
        'friction_backward': 0.8,
        'breakaway_friction': 1.5, 'stribeck_speed': 0.4, 'load_friction': 0.2,
        'load_friction_backdriven': 0.35, 'friction_speed': 0.05, 'friction_offset': 0.1}
@@ -30,7 +30,8 @@ def formula(joint, v, load):
         -(v / joint.stribeck_speed)**2)
     coulomb = joint.friction if v > 0.0 else joint.friction_backward
     fraction = joint.load_friction if v * load > 0.0 else joint.load_friction_backdriven
-    return (joint.damping * v + joint.quadratic_damping * v * abs(v)
+    curved = joint.damping - joint.fast_damping
+    return (joint.fast_damping * v + curved * v / (1.0 + abs(v) / joint.damping_speed)
             + joint.friction_offset
             + np.sign(v) * (coulomb + excess + fraction * abs(load)))
 
@@ -92,8 +93,11 @@ def test_friction_over_rate_is_within_8_percent_of_the_law_without_offset():
                                           rel=0.08)
 
 
-def test_power_of_friction_is_never_negative():
-    joint = Joint('j', 'revolute', AXIS, **LAW | {'friction_offset': 0.0})
+@pytest.mark.parametrize('dampings', [(0.7, 0.25), (0.7, 0.0), (0.0, 0.9)])
+def test_power_of_friction_is_never_negative(dampings):
+    slow, fast = dampings
+    joint = Joint('j', 'revolute', AXIS, **LAW | {
+        'friction_offset': 0.0, 'damping': slow, 'fast_damping': fast})
     for v in np.linspace(-2.0, 2.0, 401):
         for load in (-5.0, 0.0, 5.0):
             assert friction.friction_torque(joint, v, load) * v >= 0.0
@@ -283,7 +287,7 @@ def test_forward_dynamics_of_a_self_locking_drive_is_refused():
 
 
 @pytest.mark.parametrize('field, value', [
-    ('quadratic_damping', -1.0), ('friction_backward', -0.1),
+    ('fast_damping', -1.0), ('damping_speed', 0.0), ('friction_backward', -0.1),
     ('breakaway_friction', 0.5),
     ('stribeck_speed', float('nan')), ('load_friction', 'x'),
     ('load_friction_backdriven', -1)])
@@ -404,3 +408,28 @@ def test_a_robot_is_verified_though_a_quantity_has_no_kernel():
     with pytest.raises(InputError, match='expected a drive that is not self-locking'):
         robot.forward_dynamics([0.0], [0.0], [0.0])
     assert robot.verify() < 1e-12
+
+
+@pytest.mark.parametrize('dampings', [(60.0, 2.0), (2.0, 60.0)])
+def test_the_fastest_speed_with_curved_damping_is_where_a_torque_reaches_its_limit(
+        dampings):
+    slow, fast = dampings
+    builder = ModelBuilder('slide', gravity=(0, 0, 0))
+    builder.body('slide', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(2.0),
+                 damping=slow, fast_damping=fast, damping_speed=0.4, friction=1.0,
+                 friction_speed=0.01, limits=Limits(effort=40.0))
+    robot = Robot(builder.model())
+    times = np.linspace(0.0, 2.0, 5)
+    motion = Motion.from_points(times, [[0.0], [0.5], [0.2], [0.9], [0.4]],
+                                joint_names=robot.joint_names)
+    speed = fastest(robot, motion, step=1e-3).speed
+    t = np.arange(0.0, 2.0, 1e-3)
+    q, u, udot = motion.sample(t)
+    peaks = {}
+    for factor in (0.5 * speed, 0.999 * speed, 1.002 * speed):
+        tau = robot.inverse_dynamics(q, factor * u, factor**2 * udot)
+        peaks[factor] = np.abs(tau).max()
+    below, near, above = peaks.values()
+    assert below < 40.0 and near < 40.0 < above
+    timing = time_optimal(robot, [[0.0], [0.7]])
+    assert 0.98 < timing.demand.uses['effort'].max() <= 1.001

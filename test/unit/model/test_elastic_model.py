@@ -20,7 +20,7 @@ import pytest
 from urdf_writer import chain, load
 
 CURVE = StiffnessCurve([1e-3, 4e-3, 1e-2], [4.0, 30.0, 120.0])
-LAW = {'damping': 0.4, 'quadratic_damping': 0.1, 'friction': 1.5,
+LAW = {'damping': 0.4, 'fast_damping': 0.1, 'damping_speed': 0.5, 'friction': 1.5,
        'friction_backward': 1.2,
        'breakaway_friction': 2.0, 'stribeck_speed': 0.3, 'friction_speed': 0.02,
        'friction_offset': 0.2}
@@ -103,7 +103,8 @@ def test_motor_side_and_joint_side_supplements_mean_one_arm(
     forward, backward = (1.5, 1.2) if ratio > 0.0 else (1.2, 1.5)
     joint = {'side': 'joint', 'ratio': ratio, 'damping': 1e-3 * r**2,
              'rotor_inertia': 1e-6 * r**2, 'full_coupling': full_coupling,
-             'friction': {'damping': 0.4 * r**2, 'quadratic_damping': 0.1 * r**3,
+             'friction': {'damping': 0.4 * r**2, 'fast_damping': 0.1 * r**2,
+                          'damping_speed': 0.5 / r,
                           'friction': forward * r, 'friction_backward': backward * r,
                           'breakaway_friction': (forward + 0.5) * r,
                           'stribeck_speed': 0.3 / r, 'friction_speed': 0.02 / r,

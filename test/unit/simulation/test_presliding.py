@@ -263,7 +263,7 @@ def test_energy_of_bristles_and_of_the_block_is_the_work_less_what_is_dissipated
 
 
 def test_steady_sliding_has_the_friction_of_the_law_without_bristles():
-    law = {'damping': 0.3, 'quadratic_damping': 0.1, 'friction': 1.0,
+    law = {'damping': 0.3, 'fast_damping': 0.9, 'friction': 1.0,
            'friction_backward': 0.6,
            'breakaway_friction': 1.2, 'stribeck_speed': 0.5, 'friction_offset': 0.05}
     sliding = block(**law, friction_speed=1e-3)

@@ -14,7 +14,7 @@ ARM = robot(link('a'), link('b'), link('c'), link('tool', None),
 FULL = """
 joints:
   j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2,
-      friction_speed: 1e-3, friction_offset: -0.3, quadratic_damping: 0.4,
+      friction_speed: 1e-3, friction_offset: -0.3, fast_damping: 0.4, damping_speed: 0.8,
       friction_backward: 1.1, load_friction: 0.05,
       breakaway_friction: 1.6, stribeck_speed: 0.2, load_friction_backdriven: 0.1,
       presliding_stiffness: 300, presliding_damping: 2.5}
@@ -34,7 +34,8 @@ def test_every_supplement_key_sets_the_model(tmp_path):
     model = load(ARM, supplement=path)
     first, second = (body.joint for body in model.bodies)
     assert [getattr(first, key) for key in JOINT_KEYS] == [
-        0.1, 5.0, -0.2, 0.5, 0.4, 1.2, 1.1, 1.6, 0.2, 0.05, 0.1, -0.3, 300.0, 2.5, 1e-3]
+        0.1, 5.0, -0.2, 0.5, 0.4, 0.8, 1.2, 1.1, 1.6, 0.2, 0.05, 0.1, -0.3, 300.0, 2.5,
+        1e-3]
     assert (second.stiffness, second.rest, second.armature) == (2.5, 0.0, 0.0)
     carrier = model.bodies[1].inertial
     assert carrier.mass == 3.0
