@@ -221,8 +221,8 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
     table : ParameterSymbols
         Receives the symbols: m mass, r center of mass, I moment of inertia, l place of
         the joint, k stiffness, s rest position, d damping, df fast damping and wd
-        its speed, f friction and w its speed, J armature, ke and de stiffness and damping of a drive,
-        and others, with the body's number; p place of a frame; R radius, h height, L
+        its speed, f friction and w its speed, J armature, ke and de stiffness and damping
+        of a drive, and others, with the body's number; p place of a frame; R radius, h height, L
         length of a constraint. Axes, rotations, multipliers and beams stay numbers.
     auxiliary : sequence of str
         Joints of auxiliary speeds, whose bodies have the number of the body before.

@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 
 PASSIVE = (*FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest')
-OF_SOME = ('fast_damping', 'damping_speed', 'friction_backward', 'breakaway_friction', 'stribeck_speed',
+OF_SOME = ('fast_damping', 'damping_speed', 'friction_backward', 'breakaway_friction',
+           'stribeck_speed',
            'load_friction', 'load_friction_backdriven', 'presliding_stiffness',
            'presliding_damping')  # written if not the default
 
