@@ -163,8 +163,8 @@ class ModelBuilder:
             rest, drive (of an elastic joint), and its friction law as of `Joint`:
             damping, fast_damping, damping_speed, friction, friction_backward,
             breakaway_friction, stribeck_speed, load_friction, load_friction_backdriven,
-            friction_speed, friction_offset, presliding_stiffness, presliding_damping. For other joints, see
-            `joint`.
+            friction_speed, friction_offset, presliding_stiffness, presliding_damping. For
+            other joints, see `joint`.
 
         Raises
         ------
