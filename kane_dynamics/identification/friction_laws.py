@@ -255,7 +255,7 @@ def block_flags(place: Array) -> list[Flags]:
 
 class Prior(NamedTuple):
     """
-    What a fit starts from: a model, the weight of the distance from it, and bounds.
+    A model that a fit starts from, the weight of the distance from it, and bounds.
 
     An infinite weight keeps the bodies of the model. `lowest`, (4,), bounds damping,
     friction, armature and offset.
