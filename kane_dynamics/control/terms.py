@@ -25,7 +25,6 @@ class Mode(StrEnum):
     JOINT_IMPEDANCE = 'joint_impedance'
     CARTESIAN_IMPEDANCE = 'cartesian_impedance'
     HAND_GUIDING = 'hand_guiding'
-    ARM_COUPLING = 'arm_coupling'
     MOTOR_SIDE = 'motor_side'
 
     @property
@@ -38,8 +37,7 @@ class Mode(StrEnum):
     def is_stiff(self) -> bool:
         """Return whether the torque depends on the distance to a desired position."""
         return self in (Mode.COMPUTED_TORQUE, Mode.JOINT_IMPEDANCE,
-                        Mode.CARTESIAN_IMPEDANCE, Mode.ARM_COUPLING,
-                        Mode.MOTOR_SIDE)
+                        Mode.CARTESIAN_IMPEDANCE, Mode.MOTOR_SIDE)
 
 
 @dataclass(frozen=True)

@@ -8,34 +8,24 @@ move along quintics, and loops are closed at every place at which the limits are
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import followed_joints
-from kane_dynamics.control.trajectory_joints import driving_joints
-from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.feasibility.path_geometry import (path_of, Section, sections,
-                                                     segment_kernels as path_kernels)
-from kane_dynamics.feasibility.path_limits import (Bounds, bounds_kernel, PathLimits,
-                                                   vertex_kernel)
-from kane_dynamics.feasibility.path_timing import (point_kernel, SectionMotion,
-                                                   tree_point_kernel)
-from kane_dynamics.feasibility.reachability import compile_passes
+from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.path_geometry import (path_of, Section, sections)
+from kane_dynamics.feasibility.path_limits import (Bounds, PathLimits)
+from kane_dynamics.feasibility.path_timing import (SectionMotion)
 from kane_dynamics.feasibility.samples import ROUNDING
-from kane_dynamics.feasibility.segment_peaks import (limited_quantities, peaks_kernel,
-                                                     SegmentPeaks, shares_kernel)
-from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
+from kane_dynamics.feasibility.segment_peaks import (SegmentPeaks)
+from kane_dynamics.feasibility.torque_demand import require_scalable
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
-from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.free_spline import free_kernels as compile_free_spline
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
-from kane_dynamics.motion.rests import kernel as velocities_kernel
 from kane_dynamics.motion.uniform_spline import uniform_kernels as compile_uniform_spline
-from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
@@ -290,33 +280,6 @@ class PathRobot:
 
 def _columns(coefficients: Callable[[], Array], joints: list[int]) -> Array:
     return np.asarray(coefficients()[:, :, joints])
-
-
-def compile_timing(robot: Robot) -> None:
-    """Compile what `time_optimal` needs for limits of effort and velocity."""
-    if robot.model.balls or robot.model.flexible or velocity_rows(robot):
-        return  # refused
-    # Kernels of the path and its profile, of trees or of mechanisms.
-    compile_splines(robot.n)
-    kernels = [*path_kernels(robot.n), velocities_kernel(robot.n)]
-    limited = np.isfinite(robot.limits.effort)
-    unlimited = np.full((len(Bounds._fields), robot.n_q), np.inf)
-    quantities = limited_quantities(unlimited)
-    if robot.equations.in_joint_rates:
-        kernels += [vertex_kernel(robot), tree_point_kernel(robot),
-                    peaks_kernel(robot, quantities)]
-    else:
-        names = robot.coordinate_names
-        limited = limited[sorted(map(names.index, robot.actuated_names))]
-        kernels += [bounds_kernel(robot.n_q), point_kernel(robot.n_q),
-                    shares_kernel(robot.n_q, quantities)]
-        kernels += DrivenLoops(robot, driving_joints(robot)).kernels
-        robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates',
-                      'joint_accelerations', 'joint_torques', batches=True)
-        with suppress(KaneError):  # zeros are not closed, but compile the kernels
-            unit_torques(robot, np.zeros((1, robot.n_q)), [0])
-    run_concurrently([kernel.compile_lanes for kernel in kernels])
-    compile_passes(int(limited.sum()) or 1)
 
 
 def compile_splines(n: int) -> None:

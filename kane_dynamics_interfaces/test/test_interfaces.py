@@ -6,16 +6,15 @@ from ament_index_python import get_package_share_directory
 from geometry_msgs.msg import Inertia, Point, Pose, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.msg import PayloadEstimate, TaskState, TorqueExplanation
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
-                                          GetDynamics, InverseDynamics, SetPayload,
-                                          Simulate, TimeOptimal)
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
-PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                              InverseDynamics, SetPayload, Simulate, TimeOptimal)
+PARTS = [part for service in (Explain, ForwardDynamics, GetDynamics,
+                              InverseDynamics, SetPayload, Simulate)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback,
           TorqueExplanation, TaskState, PayloadEstimate]
@@ -70,6 +69,6 @@ def test_interface_files_are_installed_with_their_comments():
     sources = Path(__file__).parents[1]
     files = [file for folder in ('action', 'msg', 'srv')
              for file in (sources / folder).iterdir()]
-    assert len(files) == 12
+    assert len(files) == 10
     for file in files:
         assert (installed / file.relative_to(sources)).read_text() == file.read_text()

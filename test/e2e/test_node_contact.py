@@ -4,7 +4,7 @@ import time
 
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics import Robot
-from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
+from kane_dynamics_interfaces.msg import PayloadEstimate
 from kane_dynamics_interfaces.srv import Explain
 from node_process import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
 import numpy as np
@@ -29,7 +29,7 @@ def module_node():
                       wrench__timeout=0.5,
                       wrench__frames='[c,b]', observer__enabled=True,
                       observer__threshold=THRESHOLD, observer__rate=1000.0,
-                      explanation__rate=20.0, payload__frame='c',
+                      payload__frame='c',
                       estimator__enabled=True, estimator__rate=10.0,
                       estimator__memory=0.3)  # so that no test feels another's
     yield process
@@ -43,7 +43,6 @@ class Ear:
         self.flags = []
         self.efforts = []
         self.pushes = []
-        self.explained = []
         self.payloads = []
         self.client = client
         self.open = [
@@ -52,8 +51,7 @@ class Ear:
                 (Bool, 'collision', self.flags, LATCHED),
                 (JointState, 'external_torques', self.efforts, DEEP),
                 (WrenchStamped, 'external_wrench', self.pushes, DEEP),
-                (PayloadEstimate, 'payload_estimate', self.payloads, DEEP),
-                (TorqueExplanation, 'torque_by_source', self.explained, DEEP))]
+                (PayloadEstimate, 'payload_estimate', self.payloads, DEEP))]
 
     def close(self):
         for subscription in self.open:
@@ -249,15 +247,6 @@ def test_an_invalid_wrench_in_a_request_is_refused_with_the_reason(node, words, 
                        wrenches=pushes)
     assert not answer.success
     assert words in answer.message
-
-
-def test_torque_by_source_sums_to_the_command(node, robot):
-    ear = node.ear
-    assert hold(node, robot.gravity_force(Q), lambda: len(ear.explained) > 2)
-    why = ear.explained[-1]
-    total = np.reshape(why.by_source, (-1, 3)).sum(axis=0)
-    np.testing.assert_allclose(total, list(node.torques.values())[-1], rtol=1e-12)
-    assert why.header.stamp.sec > 0
 
 
 def test_deactivation_clears_the_flag_and_an_invalid_threshold_is_refused(node, robot):

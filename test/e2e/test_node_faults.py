@@ -283,7 +283,7 @@ def test_deactivation_during_a_motion_commands_zeros_and_drops_it(
 
 def test_a_flood_of_requests_is_answered_in_order_and_the_rest_refused_as_busy(
         client, start, holding):
-    start(state_timeout=1.0, simulation__max_waiting=4)
+    start(state_timeout=1.0)
     client.connect()
     # With the default depth, a client loses responses that arrive faster than it reads
     # them.
@@ -347,7 +347,7 @@ def test_a_urdf_above_the_size_limit_is_refused(client, start):
 def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start):
     node = start(realtime__priority=10, realtime__cpus='[0]',
                  realtime__lock_memory='true',
-                 realtime__keep_awake='true', realtime__collect_rarely='true')
+                 realtime__keep_awake='true')
     node.wait_for('active, mode')
     client.connect()
     policies = {}

@@ -12,8 +12,6 @@ import time
 from control_messages import control_messages
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
-from kane_dynamics.feasibility import time_optimal
-from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 from node_process import (active_until_end, DEEP, JOINTS, model, NAME, Process, URDF,
                           wait_until)
 import numpy as np
@@ -89,7 +87,7 @@ def trajectory(times=TIMES, points=POINTS, names=JOINTS):
     return message
 
 
-def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
+def test_the_topic_fills_in_what_the_library_does(filler, robot):
     order = [2, 0, 1]
     names = [JOINTS[k] for k in order]
     expected = fill_trajectory(robot, TIMES, POINTS[:, order], joint_names=names)
@@ -103,82 +101,6 @@ def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
     assert filled.header.frame_id == 'world'
     assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
             for p in filled.points] == pytest.approx(TIMES.tolist(), abs=1e-12)
-    answer = filler.client.call(
-        FillTrajectory, 'fill_trajectory', joint_names=names,
-        time_from_start=TIMES.tolist(),
-        positions=POINTS[:, order].ravel().tolist(), tolerance=[0.05])
-    assert answer.success, answer.message
-    expected = fill_trajectory(robot, TIMES, POINTS[:, order],
-                               joint_names=names, tolerance=0.05)
-    assert answer.inserted == expected.inserted > 0
-    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(),
-                               rtol=0, atol=1e-12)
-    assert max(answer.effort_error) <= 0.05
-
-
-def test_the_service_times_a_path_as_the_library_does(filler, robot):
-    order = [2, 0, 1]
-    answer = filler.client.call(
-        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
-        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0])
-    assert answer.success, answer.message
-    expected = time_optimal(robot, POINTS, acceleration=5.0)
-    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(),
-                                                   rel=1e-9)
-    # Accelerations are differences of the profile on the grid: a change of the positions
-    # by 1e-16 changes them by 3e-8.
-    for got, rows, within in ((answer.positions, expected.points.q, 1e-9),
-                              (answer.velocities, expected.points.u, 1e-9),
-                              (answer.accelerations, expected.points.udot, 1e-6)):
-        np.testing.assert_allclose(got, rows[:, order].ravel(), rtol=0, atol=within)
-    back = np.argsort(order)
-    states = []
-    for x in (answer.positions, answer.velocities, answer.accelerations, answer.effort):
-        states.append(np.reshape(x, (-1, 3))[:, back])
-    np.testing.assert_allclose(states.pop(), robot.inverse_dynamics(*states),
-                               rtol=0, atol=1e-9)
-    assert not answer.trajectory.points
-    answer = filler.client.call(TimeOptimal, 'time_optimal', positions=[0.0] * 6)
-    assert not answer.success and 'expected at least 2' in answer.message
-
-
-def test_the_service_keeps_limits_of_jerk_and_torque_rate(filler, robot):
-    order = [2, 0, 1]
-    jerk = np.array([40.0, 60.0, 50.0])
-    torque_rate = 300.0
-    answer = filler.client.call(
-        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
-        positions=POINTS[:, order].ravel().tolist(), max_jerk=jerk[order].tolist(),
-        max_torque_rate=[torque_rate])
-    assert answer.success, answer.message
-    expected = time_optimal(robot, POINTS, jerk=jerk, torque_rate=torque_rate)
-    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(),
-                                                   rel=1e-9)
-    np.testing.assert_allclose(answer.accelerations,
-                               expected.points.udot[:, order].ravel(), rtol=0, atol=1e-9)
-    assert expected.duration > time_optimal(robot, POINTS).duration
-    answer = filler.client.call(TimeOptimal, 'time_optimal',
-                                positions=POINTS.ravel().tolist(), max_jerk=[1.0, 2.0])
-    assert not answer.success
-    assert 'max_jerk: 2 entries; expected none, 1 or 3' in answer.message
-
-
-def test_the_service_answers_the_timing_as_a_joint_trajectory_where_asked(filler):
-    order = [2, 0, 1]
-    answer = filler.client.call(
-        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
-        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0],
-        as_trajectory=True)
-    assert answer.success, answer.message
-    trajectory = answer.trajectory
-    assert list(trajectory.joint_names) == list(answer.joint_names) == [
-        JOINTS[k] for k in order]
-    assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
-            for p in trajectory.points] == (
-                pytest.approx(list(answer.time_from_start), abs=1e-9))
-    for field in ('positions', 'velocities', 'accelerations', 'effort'):
-        rows = np.concatenate([getattr(point, field) for point in trajectory.points])
-        np.testing.assert_array_equal(rows, getattr(answer, field))
 
 
 def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(

@@ -1,17 +1,13 @@
 """Trajectories of the palletizer, an arm with three closed loops, filled in over DDS."""
 
-from dataclasses import replace
 import re
 
-from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
-from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTORY_POINT, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
-from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 from node_process import active_until_end, DEEP, NAME, Process, wait_until
 import numpy as np
-from palletizer import (CONSTRAINTS, DRIVEN, LOOPS, palletizer, positions,
+from palletizer import (DRIVEN, LOOPS, palletizer, positions,
                         SINGULAR_SHOULDER, URDF)
 import pytest
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -106,23 +102,6 @@ def test_a_trajectory_of_all_joints_is_that_of_the_driven_ones(filler, module_no
                                    array[:, order], rtol=1e-9, atol=1e-9)
 
 
-def test_the_service_fills_closed_loops_and_inserts_points(module_node, client):
-    names, rows = whole(POINTS)
-    answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=names,
-                         time_from_start=TIMES, positions=rows.ravel().tolist(),
-                         tolerance=[20.0])
-    assert answer.success, answer.message
-    expected = fill_trajectory(palletizer(), TIMES, rows,
-                               joint_names=names, tolerance=20.0)
-    assert tuple(answer.joint_names) == expected.joint_names
-    assert answer.inserted == expected.inserted > 0
-    for field, array in (('effort', expected.efforts),
-                         ('velocities', expected.velocities)):
-        np.testing.assert_allclose(getattr(answer, field), array.ravel(),
-                                   rtol=1e-9, atol=1e-7)
-    assert len(answer.effort_error) == 4 and max(answer.effort_error) <= 20.0
-
-
 def test_a_later_trajectory_begins_at_the_measured_joints(filler, module_node, client):
     publisher, filled = filler
     client.joints = DRIVEN
@@ -153,51 +132,3 @@ def test_refusals_are_named(filler, module_node):
     rejected(module_node, publisher, trajectory(DRIVING[:3], POINTS[:, ORDER[:3]]),
              f'joint_names: {DRIVING[:3]}; expected the joints with actuators')
     assert not filled
-
-
-def test_the_service_times_a_path_of_the_motors_as_the_library_does(module_node, client):
-    power = np.array([9e3, 8e3, 7e3, 6e3])
-    answer = client.call(TimeOptimal, 'time_optimal', joint_names=DRIVING,
-                         positions=POINTS[:, ORDER].ravel().tolist(),
-                         max_power=power[ORDER].tolist(), as_trajectory=True)
-    assert answer.success, answer.message
-    robot = Robot(load_urdf(URDF), **load_constraints(CONSTRAINTS))
-    robot.limits = replace(robot.limits, velocity=np.full(10, 99.0))
-    motors = [robot.joint_names.index(name) for name in DRIVEN]
-    limits = np.full(10, np.inf)
-    limits[motors] = power
-    expected = time_optimal(robot, POINTS, power=limits)
-    assert answer.time_from_start == pytest.approx(expected.points.t.tolist(), rel=1e-9)
-    assert list(answer.joint_names) == DRIVING
-    states = []
-    for field, rows, within in (('positions', expected.points.q, 1e-9),
-                                ('velocities', expected.points.u, 1e-8),
-                                ('accelerations', expected.points.udot, 1e-5),
-                                ('effort', expected.tau, 1e-2)):
-        rows_of_answer = np.reshape(getattr(answer, field), (-1, 4))
-        np.testing.assert_allclose(rows_of_answer, rows[:, motors][:, ORDER],
-                                   rtol=1e-9, atol=within)
-        states.append(rows_of_answer[:, np.argsort(ORDER)])
-    for q, u, udot, effort in list(zip(*states))[3::200]:
-        by_definition = nonholonomic.inverse_dynamics(robot.mechanism,
-                                                      positions(robot, *q), u, udot)
-        np.testing.assert_allclose(effort, by_definition, rtol=0.0,
-                                   atol=1e-9 * np.abs(by_definition).max())
-    assert list(answer.trajectory.joint_names) == DRIVING
-    assert len(answer.trajectory.points) == len(expected.points.t)
-
-
-def test_the_service_names_what_it_cannot_time(module_node, client):
-    for fields, words in (
-            ({'joint_names': ['elbow', *DRIVING[1:]]}, 'joint_names: '),
-            ({'max_jerk': [100.0]}, 'chosen speeds or constraints with a limit of jerk'),
-            ({'max_power': [1.0] * 10}, 'max_power: 10 entries; expected none, 1 or 4')):
-        answer = client.call(TimeOptimal, 'time_optimal',
-                             positions=POINTS.ravel().tolist(),
-                             **fields)
-        assert not answer.success and words in answer.message, answer.message
-    singular = POINTS.copy()
-    singular[2, DRIVEN.index('shoulder')] = SINGULAR_SHOULDER - 0.1
-    answer = client.call(TimeOptimal, 'time_optimal',
-                         positions=singular.ravel().tolist())
-    assert not answer.success and answer.message.startswith(f'{SINGULAR}: path: 0.')

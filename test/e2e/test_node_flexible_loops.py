@@ -6,13 +6,14 @@ from driven_palletizer import tracking_errors
 from kane_dynamics import QuasiStatic
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
-                                          GetDynamics, InverseDynamics)
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics)
 from node_process import DEEP, wait_until
 import numpy as np
 from palletizer import BEAMS, bending_palletizer, DRIVEN, LOOPS, positions, URDF
 import pytest
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 import yaml
 
 END = (0.4, 0.3, -0.2, 1.0)
@@ -91,12 +92,23 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
         assert answer.success and answer.message == RIGID, answer.message
 
     rows = np.array([at, END])
-    answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=DRIVEN,
-                         time_from_start=[0.0, 1.5], positions=rows.ravel().tolist())
-    assert answer.success, answer.message
+    filled = []
+    publisher = client.create_publisher(JointTrajectory, '/kane_dynamics/trajectory', 1)
+    subscription = client.create_subscription(
+        JointTrajectory, '/kane_dynamics/trajectory_with_effort', filled.append, DEEP)
+    assert wait_until(lambda: publisher.get_subscription_count()
+                      and subscription.get_publisher_count())
+    message = JointTrajectory(joint_names=list(DRIVEN))
+    for t, row in zip((0.0, 1.5), rows):
+        point = JointTrajectoryPoint(positions=row.tolist())
+        point.time_from_start.sec, point.time_from_start.nanosec = int(t), round(
+            t % 1.0 * 1e9)
+        message.points.append(point)
+    publisher.publish(message)
+    assert wait_until(lambda: filled), node.log
     expected = fill_trajectory(rigid, [0.0, 1.5], rows, joint_names=DRIVEN, bending=bent)
-    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(),
-                               rtol=1e-8, atol=1e-6)
+    np.testing.assert_allclose([point.effort for point in filled[0].points],
+                               expected.efforts, rtol=1e-8, atol=1e-6)
 
 
 def test_the_node_moves_the_bending_plant(client, start, files):

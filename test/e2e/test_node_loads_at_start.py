@@ -28,7 +28,7 @@ def test_without_a_payload_frame_set_payload_is_refused(client, start):
 
 
 def test_an_imu_on_the_base_sets_the_direction_of_gravity(client, start):
-    node = start(imu__topic='imu/data', imu__time_constant=0.2, state_timeout=1.0)
+    node = start(imu__topic='imu/data', state_timeout=1.0)
     client.connect()
     publisher = client.create_publisher(Imu, 'imu/data', BEST_EFFORT)
     robot = Robot(model())

@@ -13,11 +13,12 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.kinematics.poses import rotation_quaternion
 from kane_dynamics_interfaces.msg import TaskState
 from lifecycle_msgs.msg import Transition
-from node_process import DEEP, model, NAME, Process, wait_until
+from node_process import DEEP, JOINTS, model, NAME, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF as PALLETIZER
 import pytest
 from std_msgs.msg import String
+import yaml
 
 DELAYED = str(Path(delayed_node.__file__))
 Q = np.array([0.3, -0.4, 0.2])
@@ -354,16 +355,25 @@ def test_states_that_came_while_the_node_was_inactive_are_not_judged(start, clie
     assert 'position jumped' not in node.log
 
 
-def test_the_native_path_is_refused_for_a_mode_without_native_code(start):
-    node = start(torque_path='native', modes='[arm_coupling]',
-                 coupling__partner='/partner/coupling_state')
-    node.wait_for("parameter 'torque_path': native, with mode arm_coupling; expected "
+@pytest.fixture
+def elastic(tmp_path):
+    """Return parameters of a node with elastic joints in mode motor_side."""
+    supplement = tmp_path / 'drives.yaml'
+    drive = {'stiffness': 1e4, 'rotor_inertia': 0.5}
+    supplement.write_text(yaml.safe_dump({'drives': dict.fromkeys(JOINTS, drive)}))
+    return {'supplement': supplement, 'modes': '[motor_side]'}
+
+
+def test_the_native_path_is_refused_for_a_mode_without_native_code(start, elastic):
+    node = start(torque_path='native', **elastic)
+    node.wait_for("parameter 'torque_path': native, with mode motor_side; expected "
                   'auto or python')
     assert 'active, mode' not in node.log
 
 
-def test_a_mode_without_native_code_runs_on_the_interpreter(start, client, holding):
-    node = start(modes='[arm_coupling]', coupling__partner='/partner/coupling_state')
+def test_a_mode_without_native_code_runs_on_the_interpreter(start, client, elastic,
+                                                            holding):
+    node = start(**elastic)
     node.wait_for('active, mode')
     client.connect()
     np.testing.assert_allclose(client.ask(Q, np.zeros(3)), holding, rtol=1e-12)

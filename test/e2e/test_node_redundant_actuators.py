@@ -2,11 +2,11 @@
 
 from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.mechanics.definition import nonholonomic
-from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
-from node_process import Process
+from node_process import DEEP, NAME, Process, wait_until
 import numpy as np
 from palletizer import CONSTRAINTS, DRIVEN, positions, URDF
 import pytest
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 import yaml
 
 TIMES = [0.0, 0.8, 1.6]
@@ -32,17 +32,17 @@ def node_and_robot(tmp_path_factory):
     assert 'Traceback' not in process.log
 
 
-def require_shared(robot, answer, every):
+def require_shared(robot, answer):
     """Compare the efforts of some points with the least norm of Kane's definition."""
     names = list(answer.joint_names)
     assert sorted(names) == sorted(MOTORS)
     places = [robot.joint_names.index(name) for name in names]
-    q, u, udot, effort = (np.reshape(getattr(answer, field), (-1, len(names)))
+    q, u, udot, effort = (np.array([getattr(point, field) for point in answer.points])
                           for field in (
                               'positions', 'velocities', 'accelerations', 'effort'))
     driven = [names.index(name) for name in DRIVEN]
     root = np.sqrt([MOTORS[name] for name in names])
-    for k in range(0, len(q), every):
+    for k in range(len(q)):
         at = positions(robot, *q[k, driven])
         np.testing.assert_allclose(q[k], at[places], atol=1e-9)
         force = nonholonomic.inverse_dynamics(robot.mechanism, at, u[k, driven],
@@ -58,26 +58,22 @@ def require_shared(robot, answer, every):
 
 def test_filled_trajectories_have_the_efforts_of_all_motors(node_and_robot, client):
     _, robot = node_and_robot
-    answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=list(DRIVEN),
-                         time_from_start=TIMES, positions=POINTS.ravel().tolist(),
-                         tolerance=[20.0])
-    assert answer.success, answer.message
+    filled = []
+    publisher = client.create_publisher(JointTrajectory, f'{NAME}/trajectory', 1)
+    subscription = client.create_subscription(
+        JointTrajectory, f'{NAME}/trajectory_with_effort', filled.append, DEEP)
+    assert wait_until(lambda: publisher.get_subscription_count()
+                      and subscription.get_publisher_count())
+    assert client.adjust(feedforward__tolerance=20.0).successful
+    message = JointTrajectory(joint_names=list(DRIVEN))
+    for t, row in zip(TIMES, POINTS):
+        point = JointTrajectoryPoint(positions=row.tolist())
+        point.time_from_start.nanosec = round(t * 1e9) % 10**9
+        point.time_from_start.sec = int(t)
+        message.points.append(point)
+    publisher.publish(message)
+    assert wait_until(lambda: filled)
+    answer, = filled
     assert list(answer.joint_names) == [*DRIVEN, 'elbow']
-    assert answer.inserted > 0 and len(answer.effort_error) == 5
-    assert max(answer.effort_error) <= 20.0
-    require_shared(robot, answer, 1)
-
-
-def test_the_fastest_timing_keeps_the_limits_of_all_motors(node_and_robot, client):
-    _, robot = node_and_robot
-    answer = client.call(TimeOptimal, 'time_optimal', joint_names=list(DRIVEN),
-                         positions=POINTS.ravel().tolist())
-    assert answer.success, answer.message
-    require_shared(robot, answer, 100)
-    places = [robot.joint_names.index(name) for name in answer.joint_names]
-    uses = []
-    for field, limit in (('effort', 'effort'), ('velocities', 'velocity')):
-        uses.append(np.abs(np.reshape(getattr(answer, field), (-1, 5)))
-                    / getattr(robot.limits, limit)[places])
-    largest = np.max(uses, axis=(0, 2))
-    assert largest.max() <= 1.001 and np.median(largest) == pytest.approx(1.0, abs=1e-2)
+    assert len(answer.points) > len(POINTS)
+    require_shared(robot, answer)

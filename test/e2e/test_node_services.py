@@ -147,9 +147,9 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     ('duration: nan', {'duration': math.nan}),
     ('duration: inf', {'duration': math.inf}),
     ('at most 3600 s', {'duration': 1e9}),
-    ('at most 1000000 (parameter simulation.max_steps)',
+    ('at most 1000000',
      {'duration': 1.0, 'step': 1e-9}),
-    ('at most 2000 (parameter simulation.max_points)',
+    ('at most 2000',
      {'duration': 10.0, 'sample_period': 1e-3}),
     ('step: -1 s; expected', {'step': -1.0}),
     ('step: 2 s; expected at most the duration', {'step': 2.0}),
@@ -205,7 +205,6 @@ class Goal:
 
 
 def test_the_action_publishes_feedback_and_its_result_equals_the_library(node, robot):
-    assert node.adjust(simulation__max_duration=3600.0).successful
     goal = Goal(node, duration=300.0, sample_period=1.0)
     status, result = goal.result()
     assert status == GoalStatus.STATUS_SUCCEEDED, result.message
@@ -238,14 +237,13 @@ def test_an_invalid_goal_is_aborted_with_the_reason(node):
 
 
 def test_a_full_queue_answers_that_it_is_busy(node):
-    assert node.adjust(simulation__max_waiting=1).successful
-    long = [Goal(node, duration=1000.0) for _ in range(3)]
-    answers = [request.result(30.0)[1] for request in long[2:]]
+    # One runs and eight wait.
+    long = [Goal(node, duration=1000.0) for _ in range(10)]
+    answers = [request.result(30.0)[1] for request in long[9:]]
     assert not answers[0].success
     assert 'busy' in answers[0].message
     assert node.call(GetDynamics, 'get_dynamics',
                      position=Q).success, 'short requests still go'
-    for request in long[:2]:
+    for request in long[:9]:
         request.cancel()
         request.result()
-    assert node.adjust(simulation__max_waiting=8).successful

@@ -40,8 +40,8 @@ NANO = 10**9
 # All that reads or writes memory beside the torque path.
 FULLEST = {'mode': 'computed_torque', 'payload__frame': 'c', 'wrench__frames': '[c]',
            'observer__enabled': 'true', 'observer__torque': 'command',
-           'estimator__enabled': 'true', 'explanation__rate': 50.0,
-           'guard__enabled': 'true', 'realtime__collect_rarely': 'true'}
+           'estimator__enabled': 'true',
+           'guard__enabled': 'true'}
 
 
 class Traffic:

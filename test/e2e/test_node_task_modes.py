@@ -125,8 +125,8 @@ def module_arm(participant):
 def arm(module_arm, client):
     """Return the arm at rest at home, in mode cartesian_impedance."""
     client.joints = JOINTS
-    assert client.adjust(mode='cartesian_impedance', cartesian__stiffness=STIFFNESS,
-                         target__timeout=0.5).successful
+    assert client.adjust(mode='cartesian_impedance',
+                         cartesian__stiffness=STIFFNESS).successful
     module_arm.wait(0.3)
     home = module_arm.robot.frame_pose(FRAME, HOME)
     module_arm.send(home)

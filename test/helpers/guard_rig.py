@@ -156,7 +156,7 @@ class Rig:
             'mode': 'computed_torque', 'guard__enabled': 'true',
             'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
-            'realtime__keep_awake': 'true', 'guard__damping': DAMPING,
+            'realtime__keep_awake': 'true',
             'torque_path': TORQUE_PATH, **parameters}
         if mujoco:  # its joint states have no fingers
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'

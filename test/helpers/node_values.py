@@ -5,8 +5,9 @@ import math
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.parameters.parameter_checks import read
-from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, CONSTANTS, SPECS
 from kane_dynamics.ros.services.served_robot import ServedRobot
+import numpy as np
 
 # For tests whose states are of no arm: these jump, and the first one is answered.
 UNCHECKED = {'state_check.speed_factor': math.inf,
@@ -16,9 +17,13 @@ UNCHECKED = {'state_check.speed_factor': math.inf,
 
 def node_values(changes=None):
     """Return all parameters, with changes by name."""
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
-    return values | {'arm_compensates': ('none',)} | {
-        name: read(BY_NAME[name], value) for name, value in (changes or {}).items()}
+    values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS}
+    values['arm_compensates'] = ('none',)
+    for name, value in (changes or {}).items():
+        values[name] = value if name in CONSTANTS else read(BY_NAME[name], value)
+        if isinstance(CONSTANTS.get(name), np.ndarray):
+            values[name] = np.array(value, np.float64)
+    return values
 
 
 def served_robot(robot, changes=None, measured=lambda: None, speeds=lambda: None):

@@ -241,15 +241,6 @@ def joint_state_of_efforts(names: Sequence[str]) -> PreparedMessage:
     return PreparedMessage(writer, offsets[2], len(names))
 
 
-def whole_joint_state(names: Sequence[str]
-                      ) -> tuple[PreparedMessage, list[NDArray[np.float64]]]:
-    """Return a sensor_msgs/JointState, and views of positions, velocities and efforts."""
-    count = len(names)
-    writer, offsets = write_joint_state(names, '', (count, count, count))
-    message = PreparedMessage(writer, offsets[0], count)
-    return message, [message.doubles(offset, count) for offset in offsets]
-
-
 def wrench_stamped(frame_id: str) -> PreparedMessage:
     """Return a geometry_msgs/WrenchStamped at a frame: force, then torque."""
     writer = Writer()

@@ -10,7 +10,6 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
-from kane_dynamics.mechanics.friction import AHEAD, DESIRED_SPEED
 from kane_dynamics.model.model import Model
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
@@ -157,23 +156,8 @@ def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
     Raise KaneError for invalid constraints.
     """
     options: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
-                               'wrench_frames': values['wrench.frames'],
-                               'feedforward_friction': _feedforward_friction(values)}
+                               'wrench_frames': values['wrench.frames']}
     if values['constraints']:
         options |= load_constraints(resolve_path('constraints', values['constraints']),
                                     prefix=values['prefix'])
     return options
-
-
-def _feedforward_friction(values: Mapping[str, Any]) -> str | float:
-    """Return the friction of commands at rest and at reversals, as of `Robot`."""
-    choice: str = values.get('feedforward.friction', DESIRED_SPEED)
-    lead: float = values.get('feedforward.friction_lead', 0.0)
-    # A lead time chooses how far ahead the friction is that of the motion.
-    if lead == 0.0:
-        return choice
-    if choice != AHEAD:
-        raise InputError(f"parameter 'feedforward.friction_lead': {lead:g} s, with "
-                         f"feedforward.friction '{choice}'; expected it with '{AHEAD}' "
-                         'alone, or 0')
-    return lead

@@ -129,8 +129,7 @@ def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
 def check_points(count: int, max_points: int) -> None:
     """Raise InputError unless a trajectory has 1 to `max_points` points."""
     if not 1 <= count <= max_points:
-        raise InputError(f'trajectory: {count} points; expected 1 to {max_points} '
-                         '(parameter trajectory.max_points)')
+        raise InputError(f'trajectory: {count} points; expected 1 to {max_points}')
 
 
 def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_points: int,

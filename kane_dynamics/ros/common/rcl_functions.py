@@ -114,12 +114,6 @@ def _no_callback(data: bytes) -> None:
     """Do nothing, for a subscription that a thread reads."""
 
 
-def clock_function() -> int:
-    """Return the address of the function that reads a clock of rclpy."""
-    functions = _functions(_library('librcl'), ('rcl_clock_get_now',))
-    return int(ctypes.cast(functions['rcl_clock_get_now'], POINTER).value or 0)
-
-
 def message_of(buffer: np.ndarray) -> SerializedMessage:
     """Return the structure of a message whose bytes are an array."""
     return SerializedMessage(buffer.ctypes.data, buffer.size, buffer.size)

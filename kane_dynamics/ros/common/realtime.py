@@ -14,7 +14,6 @@ from pathlib import Path
 import resource
 from typing import Any
 
-from kane_dynamics.native.machine_code.compiling import collect_automatically, gc_is_paused
 
 TASKS = Path('/proc/self/task')
 LATENCY = '/dev/cpu_dma_latency'  # while open, processors wake within the written us
@@ -128,16 +127,6 @@ def _capable(number: int) -> bool:
     return False
 
 
-def collect_if_disabled() -> None:
-    """
-    Collect garbage if automatic collection is disabled, but not while code compiles.
-
-    This is fast, as old objects are frozen.
-    """
-    if not gc.isenabled() and not gc_is_paused():
-        gc.collect()
-
-
 def exclude_existing_objects() -> None:
     """Exclude the objects that live until cleanup from garbage collections."""
     gc.collect()
@@ -145,10 +134,9 @@ def exclude_existing_objects() -> None:
 
 
 def release() -> None:
-    """Let processors sleep and collect garbage as in any process again."""
+    """Let processors sleep and collect all garbage again."""
     AWAKE.release()
     gc.unfreeze()
-    collect_automatically(True)
 
 
 def apply_realtime_settings(values: Mapping[str, Any],
@@ -192,4 +180,3 @@ def apply_realtime_settings(values: Mapping[str, Any],
         attempt('realtime.keep_awake', AWAKE.hold,
                 f'grant the user write access to {LATENCY}, or disable idle states with '
                 'cpupower')
-    collect_automatically(not values['realtime.collect_rarely'])

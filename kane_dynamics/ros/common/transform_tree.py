@@ -4,7 +4,7 @@ Frames that only tf2 knows, placed on the bodies of the model.
 A message may name a frame that the URDF lacks, such as that of a camera or of the map
 around the arm. Its transforms lead to a frame of the model, up or down the tree of tf2:
 on the body of that frame it is placed. Transforms between frames of the model are not
-used, because the model knows them. A transform of /tf counts for `tf.timeout` from its
+used, because the model knows them. A transform of /tf counts for `timeout` from its
 stamp on, one of /tf_static without end.
 """
 
@@ -159,7 +159,7 @@ class TransformTree:
         if age > self.timeout:
             raise InputError(
                 f"frame '{name}': the transform of '{at}' in '{transform.parent}' is {age:.3g} s "
-                f'old; expected at most {self.timeout:g} s (tf.timeout), or a static one')
+                f'old; expected at most {self.timeout:g} s, or a static one')
 
 
 def _ancestors(transforms: Mapping[str, _Transform], name: str) -> list[str]:

@@ -37,8 +37,7 @@ FILES = ('robot_description', 'urdf', 'supplement', 'constraints')
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
 DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
-                            'estimator.enabled': False, 'watch.reference': '',
-                            'explanation.rate': 0.0}
+                            'estimator.enabled': False, 'watch.reference': ''}
 
 
 class ParameterBlock(NamedTuple):

@@ -13,7 +13,6 @@ from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.path_robot import compile_timing
 from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
@@ -41,27 +40,24 @@ from kane_dynamics.ros.inputs.target_input import POSE, TargetInput, TWIST, WREN
 from kane_dynamics.ros.loads.gravity_payload import (checked_payload, GravityAndPayload,
                                                      parameter_loads)
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
-from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.stability import instability
 from kane_dynamics.ros.modes.task_modes import TaskModes
 from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
                                                          SceneRequest)
-from kane_dynamics.ros.monitors.coupling_topics import CouplingTopics
 from kane_dynamics.ros.monitors.drift_watch import DriftWatch
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
-from kane_dynamics.ros.monitors.swing_monitor import SwingMonitor
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.services.request_kernels import (ANSWERS, compile_answers,
                                                         compile_simulations,
                                                         LaterKernels, shared_copy,
-                                                        SIMULATIONS, TIMINGS)
+                                                        SIMULATIONS)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
@@ -89,7 +85,7 @@ from std_msgs.msg import Float64MultiArray
 
 PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 # Parameters by which feedback may become unstable
-FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'coupling.', 'walls.',
+FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'walls.',
             'hand_guiding.')
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
 STAMPED = 4  # place of the publisher of stamped commands in the arguments of a path
@@ -127,8 +123,6 @@ class ConfiguredRobot:
         Those of simulations and path timing, once they are started.
     torque_path : str
         What computes the commands: native, or python with the reason.
-    swing : SwingMonitor or None
-        Of the modes with springs.
     drift : DriftWatch or None
         Of an arm that can be commanded.
 
@@ -208,8 +202,7 @@ class ConfiguredRobot:
             self._bending_for_requests = QuasiStatic(shared_copy(bending.robot))
         self.later_kernels = LaterKernels(
             {ANSWERS: partial(self._answer_kernels, locks),
-             SIMULATIONS: partial(self._simulation_kernels, locks),
-             TIMINGS: partial(compile_timing, self._for_simulations)},
+             SIMULATIONS: partial(self._simulation_kernels, locks)},
             node.get_logger().info, node.get_logger().error)
         self._request_frames = WrenchFrames(self._for_requests, self._transforms)
         with ExitStack() as opened:
@@ -317,8 +310,6 @@ class ConfiguredRobot:
                                               self._reject, publisher, opened,
                                               self._transforms)
         self._targets: TargetInput | None = None
-        self._coupling: CouplingTopics | None = None
-        self.swing: SwingMonitor | None = None
         self.drift: DriftWatch | None = None
         if not self.fault:
             self._open_task_topics(publisher, opened)
@@ -472,14 +463,6 @@ class ConfiguredRobot:
                                    frame, controller, self.modes.laws)
             opened.callback(topic.close)
             self.path.add_observer(topic, need_effort=False)
-        self.swing = SwingMonitor(self._server, controller, self.modes.laws,
-                                  node.get_logger())
-        opened.callback(self.swing.close)
-        self.path.add_observer(self.swing, need_effort=False)
-        # Only some laws have topics of their own.
-        coupling = self.modes.laws.get(Mode.ARM_COUPLING)
-        if isinstance(coupling, ArmCouplingMode):
-            self._open_coupling(coupling, publisher, opened)
         law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
         if not isinstance(law, CartesianMode):
             return
@@ -492,20 +475,6 @@ class ConfiguredRobot:
                                      (WrenchStamped, WRENCH, targets.on_wrench)):
             opened.callback(node.destroy_subscription, node.create_subscription(
                 kind, f'~/{name}', callback, BEST_EFFORT, raw=True))
-
-    def _open_coupling(self, mode: ArmCouplingMode, publisher: Callable[..., Any],
-                       opened: ExitStack) -> None:
-        """Open the topics between this arm and its partner."""
-        node = self._node
-        self._coupling = CouplingTopics(
-            self.robot, mode, self.values,
-            publisher(JointState, '~/coupling_state', RELIABLE), node.get_logger(),
-            lambda reason, detail: self._reject(f'coupling: {reason}', detail),
-            self.path.controller.bending)
-        self.path.add_observer(self._coupling, need_effort=True)
-        opened.callback(node.destroy_subscription, node.create_subscription(
-            JointState, self.values['coupling.partner'], self._coupling.on_message,
-            BEST_EFFORT, raw=True))
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
         received = self._now() if self._simulated_time else info['received_timestamp']
@@ -674,13 +643,7 @@ class ConfiguredRobot:
         # Inputs and monitors that have settings of their own.
         if self._targets is not None:
             self._targets.update(values)
-        if self._coupling is not None:
-            self._coupling.update(values)
-        if self.gravity_source is not None:
-            self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)
-        if self._transforms is not None:
-            self._transforms.timeout = values['tf.timeout']
         # Only loads whose parameters changed, since services set them too.
         loads = parameter_loads(self.robot.model, values)
         changes: dict[str, Any] = {}

@@ -406,8 +406,7 @@ class DynamicsNode(LifecycleNode):
             modes = ', '.join(model.coordinate_names[k] for k in model.modal_coordinates)
             log.info('commands, filled trajectories, ~/inverse_dynamics, observer and '
                      f'payload estimate include the quasi-static deflection {modes}; '
-                     'other services and ~/torque_by_source treat flexible links as '
-                     'rigid')
+                     'other services treat flexible links as rigid')
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels '
                  f'of commands ready in {time.perf_counter() - began:.2f} s, verified to '
                  f'{self.arm.verified:.1e}')
@@ -588,7 +587,6 @@ class DynamicsNode(LifecycleNode):
         message = DiagnosticArray(status=[self._status(period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        realtime.collect_if_disabled()
         self._graph_log.update(self.state, self.waiting_for, self.arm)
 
     def _status(self, period: float) -> DiagnosticStatus:

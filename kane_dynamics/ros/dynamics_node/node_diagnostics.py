@@ -32,7 +32,7 @@ DROP_REMEDIES = {
     STALE: 'check delay, clocks and use_sim_time of the driver',
     FUTURE: 'synchronize the clocks',
     NO_CLOCK: 'start what publishes /clock, or set use_sim_time false',
-    SINGULAR: 'move the arm away from it, or raise closure.max_conditioning',
+    SINGULAR: 'move the arm away from it',
     BRANCH: 'compare the constraints file with the arm',
     CONTRADICTION: 'check the encoders, the constraints file and closure.tolerance',
     UNKNOWN: 'publish all joints, or move the arm to the configuration of the '
@@ -139,8 +139,6 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
     change = arm.optional_topics.model_change
     if change is not None:
         warnings.append(f'model watch: {change}: identify the arm again, or check it')
-    if arm.swing is not None and arm.swing.warning:
-        warnings.append(arm.swing.warning)
     if arm.drift is not None and arm.drift.warning:
         warnings.append(arm.drift.warning)
 

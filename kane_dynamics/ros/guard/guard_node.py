@@ -273,7 +273,6 @@ class GuardNode(Node):
         message = DiagnosticArray(status=[self._status(period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        realtime.collect_if_disabled()
 
     def _is_arm_left_alone(self) -> bool:
         """Return whether an arm is there, and no node since this guard started."""

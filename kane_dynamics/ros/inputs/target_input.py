@@ -32,7 +32,7 @@ import numpy as np
 
 POSE, TWIST, WRENCH = 'target_pose', 'target_twist', 'target_wrench'
 INACTIVE, OTHER_MODE, NO_STATE = 'node not active', 'other mode', 'no joint state'
-FRAME, STALE = 'unknown frame', 'stale (older than target.timeout)'
+FRAME, STALE = 'unknown frame', 'stale'
 TOO_FAR, OUT_OF_REACH, TOO_LARGE = 'too far', 'out of reach', 'too large'
 QUATERNION = 0.01  # largest difference of the length of a quaternion from 1
 TINY = 1e-300
@@ -163,8 +163,7 @@ class TargetInput:
         if distance > self._farthest or angle > self._widest:
             return TOO_FAR, (f'{distance:.4g} m and {angle:.4g} rad from the measured '
                              f"pose of '{self._frame}'; expected at most "
-                             f'{self._farthest:g} m and {self._widest:g} rad, '
-                             'target.max_distance and target.max_angle')
+                             f'{self._farthest:g} m and {self._widest:g} rad')
         beyond = self._beyond_reach(self._pose, q, 'it')
         # A moving target stops beyond the pose, which must be within reach too.
         if beyond is None and self._moves_on(stamp):

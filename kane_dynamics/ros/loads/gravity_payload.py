@@ -85,8 +85,7 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
     distance = math.hypot(*com)
     if not distance <= max_distance:
         raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected '
-                         f'finite numbers, at most {max_distance:g} m from the frame '
-                         '(parameter payload.max_distance)')
+                         f'finite numbers, at most {max_distance:g} m from the frame')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     _check_inertia(tensor, mass * max_distance * max_distance)
@@ -117,8 +116,8 @@ def _check_inertia(tensor: Array, bound: float) -> None:
     largest = principal.moments[2]
     if largest > bound:
         raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at '
-                         f'most {bound:g} kg m^2, the mass times the square of '
-                         'parameter payload.max_distance')
+                         f'most {bound:g} kg m^2, the mass times the square of the '
+                         'largest distance')
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:

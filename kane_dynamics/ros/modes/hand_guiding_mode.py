@@ -6,7 +6,6 @@ from typing import Any
 from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.traced_laws import LawInput, TracedLaw
-from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.modes.live_law import NativeLaw, WALL
@@ -64,13 +63,7 @@ class HandGuidingMode(NativeLaw):
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError unless parameters fit the arm."""
-        # The number of planes is a size of the compiled law.
         settings = guiding_settings(values, self._robot)
-        planes, configured = len(settings['planes']), len(self._settings['planes'])
-        if planes != configured:
-            raise InputError(f"parameter 'hand_guiding.planes': {planes} planes; expected "
-                             f'{configured}, as when the node was configured; deactivate '
-                             'it and clean up for another number')
         if differ(settings, self._settings):
             self._trial.update(**self._of_law(settings))
 
@@ -110,9 +103,6 @@ class HandGuidingMode(NativeLaw):
             limits = 0.5 * np.asarray(robot.limits.velocity)
         for k in np.flatnonzero(np.abs(rates) > limits):
             saturated.append(f'speed of {robot.joint_names[k]}')
-        speed = float(np.linalg.norm(robot.frame_velocity(self._frame, q, u)[:3]))
-        if speed > self._settings['frame_speed']:
-            saturated.append('speed of the frame')
         if self.law.energy(q) > 0.0:
             saturated.append('wall')
         return TaskDescription(saturated=tuple(saturated))
@@ -136,9 +126,7 @@ class HandGuidingMode(NativeLaw):
             if not self._adds_gravity:
                 tau = tau - equations.gravity_force(at.q, at.parameters)
             return tau, at.memory
-        planes = len(self._settings['planes'])
-        return TracedLaw(torque, len(self.settings_numbers()),
-                         variant=(self._frame, str(planes)))
+        return TracedLaw(torque, len(self.settings_numbers()), variant=(self._frame,))
 
     def settings_numbers(self) -> Array:
         """Return the settings of the law."""

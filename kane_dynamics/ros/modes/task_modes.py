@@ -1,4 +1,4 @@
-"""The laws of the modes of impedance, hand guiding, coupled arms and elastic joints."""
+"""The laws of the modes of impedance, hand guiding and elastic joints."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -10,7 +10,6 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.modes.arm_coupling_mode import ArmCouplingMode
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.modes.joint_impedance_mode import JointImpedanceMode
@@ -20,8 +19,7 @@ from kane_dynamics.ros.modes.motor_side_mode import MotorSideMode
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
     Mode.CARTESIAN_IMPEDANCE: CartesianMode,
-    Mode.HAND_GUIDING: HandGuidingMode,
-    Mode.ARM_COUPLING: ArmCouplingMode}
+    Mode.HAND_GUIDING: HandGuidingMode}
 # Modes whose law also runs on the native torque path.
 NATIVE_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
 

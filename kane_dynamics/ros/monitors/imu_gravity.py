@@ -94,8 +94,7 @@ class GravityFromImu:
         self._last = stamp
         if follows and elapsed > GAP * self.time_constant:
             raise InputError(f'time since the previous message: {elapsed:.3g} s; '
-                             f'expected at most {GAP:g} times imu.time_constant, '
-                             f'{self.time_constant:g} s')
+                             f'expected at most {GAP * self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
             # The filtered vector is shorter while the direction changes: only its
             # direction is used.

@@ -7,7 +7,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
@@ -24,10 +23,9 @@ from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
 from kane_dynamics.ros.monitors.model_watch_monitor import (check_watch,
                                                             ModelWatchMonitor)
 from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
-from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
+from kane_dynamics_interfaces.msg import PayloadEstimate
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
@@ -69,8 +67,6 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     if values['attached_objects.topic']:
         _check_topic('attached_objects.topic', values['attached_objects.topic'])
     check_attached_objects(values)
-    if values['coupling.partner']:
-        _check_topic('coupling.partner', values['coupling.partner'])
     check_frames(robot.model, values['wrench.frames'])
     largest_wrench(robot, values)
     if values['payload.frame']:
@@ -85,8 +81,7 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     if values['watch.reference']:
         check_watch(values, robot)
     # What compares efforts with the model needs to know what the efforts mean.
-    observes = values['observer.enabled'] or values['estimator.enabled']
-    if observes or Mode.ARM_COUPLING in (values['mode'], *values['modes']):
+    if values['observer.enabled'] or values['estimator.enabled']:
         stated_efforts(values, robot)
 
 
@@ -99,7 +94,7 @@ class OptionalTopics:
     node : LifecycleNode
         Owner of the topics.
     server : Services
-        Its thread estimates the payload and breaks torques down.
+        Its thread estimates the payload.
     path : TorquePath
     values : mapping
         The node's parameters, checked by `check_optional_topics`.
@@ -168,13 +163,6 @@ class OptionalTopics:
                 lambda reason, detail: reject(f'model watch: {reason}', detail))
             opened.callback(self.watch.close)
             path.add_observer(self.watch, need_effort=True)
-        if values['explanation.rate']:
-            explainer = TorqueBreakdownTopic(
-                server, publisher(TorqueExplanation, '~/torque_by_source', RELIABLE),
-                values['explanation.rate'], path.controller, path.wrenches,
-                lambda reason, detail: reject(f'explanation: {reason}', detail))
-            opened.callback(explainer.close)
-            path.add_observer(explainer, need_effort=False)
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from kane_dynamics.control.terms import stated_terms, STATEMENT, Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.parameters.parameter_table import AUTO, Kind, Spec
+from kane_dynamics.ros.parameters.parameter_table import AUTO, CONSTANTS, Kind, Spec
 import numpy as np
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
@@ -151,9 +151,9 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
 
 
 def with_prefix(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values with parameter `prefix` added to the names of frames."""
+    """Return the values and the constants, with `prefix` before the names of frames."""
     prefix = values['prefix']
-    result = dict(values)
+    result = CONSTANTS | dict(values)
     for name in FRAMES:
         frames = values.get(name)
         if isinstance(frames, str):

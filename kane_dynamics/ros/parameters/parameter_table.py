@@ -12,11 +12,9 @@ from typing import Any, Literal
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
-from kane_dynamics.mechanics.friction import DESIRED_SPEED, FEEDFORWARD
-from kane_dynamics.mechanics.integrators import INTEGRATORS
+import numpy as np
 
-LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING,
-             Mode.ARM_COUPLING)
+LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'floats', 'per_joint', 'terms']
 
@@ -131,10 +129,6 @@ SPECS = (
          'largest deviation of further measured joints from '
          'the closed loops, rad or m; beyond it a state is dropped', positive=True,
          low=0.0, high=1.0),
-    live('closure.max_conditioning', 'number', 200.0,
-         'largest conditioning figure of the closed '
-         'loops, about one over the distance from a singular configuration in rad; '
-         'beyond it a state is dropped', low=1.0, high=1e4),
     Spec('prefix', 'text', '',
          'prefix of the names of joints and frames in messages, for two '
          'arms with the same URDF; parameters and the supplement use the names of the '
@@ -154,9 +148,6 @@ SPECS = (
          'about its center of mass, kg m^2'),
     live('payload.max_mass', 'number', 50.0, 'largest accepted mass of a payload, kg',
          positive=True, low=0.0),
-    live('payload.max_distance', 'number', 2.0,
-         'largest accepted distance of its center of mass '
-         'from the frame, m', positive=True, low=0.0),
     Spec('attached_objects.topic', 'text', '',
          "topic (moveit_msgs/PlanningScene) of MoveIt's scene, such as "
          '/monitored_planning_scene: objects that are attached to the link of payload.frame '
@@ -173,10 +164,6 @@ SPECS = (
     Spec('imu.frame', 'text', '',
          'frame of the IMU, fixed to the base; empty: frame_id of its '
          'messages'),
-    live('imu.time_constant', 'number', 1.0,
-         'time constant of the low-pass filter of the '
-         'direction, s; the direction is used after this time at rest', positive=True,
-         low=0.0, high=3600.0),
     Spec('wrench.frames', 'names', [],
          'frames at which ~/wrench gives the wrench that the '
          'environment exerts on the robot; the torques of the modes inverse_dynamics and '
@@ -190,15 +177,9 @@ SPECS = (
     live('wrench.max_moment', 'number', 0.0,
          'largest accepted component of a moment, N m; 0: the moment that the effort limits '
          'hold in every configuration', low=0.0),
-    live('wrench.rise_time', 'number', 0.5,
-         'shortest time, s, in which the wrench of ~/wrench or ~/target_wrench grows from '
-         'zero to the largest accepted one; 0: at once', low=0.0, high=60.0),
     Spec('tf.enabled', 'flag', False,
          'find frames of wrenches, targets and the IMU that the URDF lacks by the transforms '
          'of /tf and /tf_static; needs the package tf2_msgs'),
-    live('tf.timeout', 'number', 0.5,
-         'age, s, above which a transform of /tf is stale, and messages in its frames are '
-         'refused', positive=True, low=0.0, high=3600.0),
     live('mode', 'text', 'inverse_dynamics',
          'control mode, which decides what `commands` '
          'contains', choices=tuple(Mode)),
@@ -257,14 +238,8 @@ SPECS = (
     live('cartesian.max_moment', 'number', 12.0,
          'largest moment of the spring, and of ~/target_wrench, N m', positive=True,
          infinite=True, low=0.0),
-    live('cartesian.posture', 'per_joint', [],
-         'positions towards which joints are drawn where that does not move the frame, '
-         'rad or m; empty: those at which the mode begins'),
     live('cartesian.posture_stiffness', 'per_joint', 5.0,
          'stiffness of that, N m/rad or N/m; 0: none', low=0.0),
-    live('cartesian.null_damping', 'number', 2.0,
-         'rate at which motion that does not move the frame decays, 1/s', low=0.0,
-         high=1000.0),
     live('walls.margin', 'per_joint', [],
          'modes cartesian_impedance and hand_guiding: distance from the position limits at '
          'which soft walls begin, rad or m; empty: 0.1, at most 5 % of the range',
@@ -281,53 +256,6 @@ SPECS = (
     live('hand_guiding.max_speed', 'per_joint', [],
          'speed of a joint above which it is braked, rad/s or m/s; empty: half of the '
          'limits of the URDF', positive=True, infinite=True, low=0.0),
-    live('hand_guiding.max_frame_speed', 'number', math.inf,
-         'speed of cartesian.frame above which the arm is braked, m/s', positive=True,
-         infinite=True, low=0.0),
-    live('hand_guiding.planes', 'floats', [],
-         'soft walls: for each plane a normal of length 1 and a distance d, world axes, '
-         'm; the origin of cartesian.frame stays where normal . position >= d. Their '
-         'number is fixed'),
-    live('hand_guiding.plane_stiffness', 'number', 2000.0,
-         'stiffness of the planes, N/m', low=0.0),
-    Spec('coupling.partner', 'text', '',
-         'mode arm_coupling: topic of the other arm, the ~/coupling_state of its node'),
-    live('coupling.engaged', 'flag', False,
-         'whether the arm follows its partner, from the first state of it on; after a loss '
-         'false, then true again'),
-    Spec('coupling.stiffness', 'per_joint', [],
-         'stiffness of the joints towards those of the partner, N m/rad or N/m; empty: '
-         'twice the effort limit per rad or m, and at most 2500 1/s^2 times the inertia of '
-         'the joint as for the damping', low=0.0),
-    Spec('coupling.damping', 'per_joint', [],
-         'damping, N m s/rad or N s/m; empty: damping ratio 0.7 for the inertia of each '
-         'joint at zero positions, with the others free. A delay between the arms should '
-         'be shorter than damping over stiffness', low=0.0),
-    Spec('coupling.reflection', 'number', 0.8,
-         "the part of the partner's external torque that is added", low=0.0, high=1.0),
-    Spec('coupling.scale', 'per_joint', 1.0,
-         'motion of a joint over that of the partner; negative: mirrored; not 0'),
-    Spec('coupling.max_force', 'per_joint', [],
-         'largest torque of the coupling beside that of the model, N m or N; empty: none',
-         positive=True, infinite=True, low=0.0),
-    Spec('coupling.max_speed', 'per_joint', [],
-         'largest speed at which a joint follows, rad/s or m/s; empty: the limits of the '
-         'URDF', positive=True, infinite=True, low=0.0),
-    Spec('coupling.alone', 'text', 'hold',
-         'what the arm does without its partner: hold its position, or yield freely',
-         choices=('hold', 'free')),
-    Spec('coupling.timeout', 'number', 0.1,
-         "age of the partner's state, s, above which it is lost", positive=True, low=0.0,
-         high=10.0),
-    Spec('coupling.ramp', 'number', 0.5,
-         'time, s, in which rates and torques of the partner fade in and out',
-         positive=True, low=0.0, high=60.0),
-    Spec('coupling.align_speed', 'number', 0.2,
-         'speed at which the distance at engagement vanishes, rad/s or m/s; 0: it stays',
-         low=0.0, high=100.0),
-    Spec('coupling.observer_gain', 'per_joint', 100.0,
-         'gain of the observer of the external torque that the partner receives, 1/s',
-         positive=True, low=0.0),
     live('target.max_speed', 'number', 0.25,
          'largest speed of the target of mode cartesian_impedance, m/s', positive=True,
          low=0.0, high=100.0),
@@ -339,18 +267,9 @@ SPECS = (
     live('target.max_angular_acceleration', 'number', 8.0,
          'largest angular acceleration of the target, rad/s^2', positive=True, low=0.0,
          high=1e4),
-    live('target.max_distance', 'number', 0.5,
-         'largest distance of ~/target_pose from the measured pose, m; ~/target_twist '
-         'moves the target no farther from it', positive=True, infinite=True, low=0.0),
-    live('target.max_angle', 'number', 1.6,
-         'likewise, angle in rad', positive=True, infinite=True, low=0.0),
-    live('target.timeout', 'number', 0.5,
-         'age, s, above which a target message is stale; without a further one in this '
-         'time a target that moves by ~/target_twist is held, and ~/target_wrench ends',
-         positive=True, low=0.0, high=60.0),
     Spec('task_state.rate', 'number', 50.0,
          'rate of ~/task_state in the modes joint_impedance, cartesian_impedance, '
-         'hand_guiding and arm_coupling, 1/s; 0: not published', low=0.0, high=1000.0),
+         'hand_guiding, 1/s; 0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
          'effort limit, N m or N, at most that of the URDF; one number lowers the larger '
          'limits; empty: only that of the URDF', positive=True, infinite=True, low=0.0),
@@ -377,17 +296,6 @@ SPECS = (
     live('feedforward.clip', 'flag', False,
          'clamp the efforts of ~/trajectory_with_effort to '
          'their limits; false: reject a trajectory that exceeds them'),
-    live('feedforward.rest', 'per_joint', [],
-         'positions at which joints rest that ~/trajectory '
-         'lacks, rad or m; empty: the measured ones'),
-    Spec('feedforward.friction', 'text', DESIRED_SPEED,
-         'friction that commands and ~/trajectory_with_effort compensate at rest and at '
-         'reversals, where it may have any value of an interval: that of the desired '
-         'speed; of the desired speed ahead, so that breakaway friction is there as a '
-         'motion begins; none up to friction_speed of a joint', choices=FEEDFORWARD),
-    Spec('feedforward.friction_lead', 'number', 0.0,
-         'feedforward.friction ahead: the time ahead, s; 0: friction_speed of a joint '
-         'over 1 rad/s^2', low=0.0, high=1.0),
     Spec('efforts.kind', 'text', 'motor_torque',
          'what the efforts of joint states are: the '
          'current of the motor; its torque, behind the gear; the torque of a sensor at '
@@ -423,25 +331,10 @@ SPECS = (
     live('observer.friction.offset', 'per_joint', [],
          'constant torque beyond the model, N m or '
          'N; empty: 0'),
-    live('observer.friction.speed', 'per_joint', FRICTION_SPEED,
-         'friction speed of that Coulomb '
-         'friction, rad/s or m/s', positive=True, low=0.0),
-    live('observer.friction.memory', 'number', 20.0,
-         'time constant in which that friction '
-         'follows the estimate while the arm moves, s; infinite: never', positive=True,
-         infinite=True, low=0.0),
-    live('observer.confirm', 'number', 0.005,
-         'time above a threshold that confirms a collision, '
-         's', low=0.0, high=10.0),
     live('observer.action', 'text', 'report',
          'what follows a collision beside ~/collision: report, nothing; stop: the desired '
          'motion ends in a stop of state_check.stop_time, and motions are refused until the '
          'collision ends', choices=('report', 'stop')),
-    live('observer.release', 'number', 0.8,
-         'fraction of the thresholds below which a collision '
-         'ends', positive=True, low=0.0, high=1.0),
-    live('observer.clear', 'number', 0.2,
-         'time below it after which a collision ends, s', low=0.0, high=60.0),
     Spec('observer.frame', 'text', '',
          'frame of ~/external_wrench; empty: `tip`, or else the '
          'last link'),
@@ -469,8 +362,6 @@ SPECS = (
     Spec('watch.false_alarms', 'number', 1e-3,
          'share of the windows of a sound arm that may have an alarm', positive=True,
          low=0.0, high=0.4),
-    Spec('explanation.rate', 'number', 0.0,
-         'rate of ~/torque_by_source, 1/s; 0: not published', low=0.0, high=100.0),
     Spec('guard.enabled', 'flag', False,
          'work with torque_guard, which holds the arm when this '
          'node dies or hangs; the launch file sets it'),
@@ -478,10 +369,6 @@ SPECS = (
          'time without a command, s, after which torque_guard '
          'takes over; also the lease of liveliness of `commands` and ~/joint_torques',
          low=2e-3, high=10.0),
-    live('guard.damping', 'per_joint', 20.0,
-         'damping by torque_guard: the rate at which it slows '
-         'a joint, 1/s; the torque is this times speed times inertia', low=0.0,
-         high=1000.0),
     live('state_timeout', 'number', 0.1,
          'age, s, above which joint states are stale: the node '
          'commands zeros and drops the desired motion', low=1e-3, high=3600.0),
@@ -515,9 +402,6 @@ SPECS = (
          'times its speed', low=0.01, high=10.0),
     live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3,
          high=100.0),
-    live('trajectory.max_points', 'count', 10_000,
-         'largest accepted number of points of a '
-         'desired motion', low=1.0, high=1e6),
     live('trajectory.start_tolerance', 'number', 0.1,
          'largest distance of a joint, rad or m, '
          'from where a motion sets out to where the arm is then; infinite: any',
@@ -531,36 +415,15 @@ SPECS = (
     live('trajectory.goal_tolerance', 'per_joint', 0.05,
          'largest position error at the end of such a goal, rad or m; infinite: any',
          positive=True, infinite=True, low=0.0),
-    live('trajectory.stopped_speed', 'number', 0.05,
-         'largest speed of a joint at the end of such a goal, rad/s or m/s; infinite: '
-         'any', positive=True, infinite=True, low=0.0),
     live('trajectory.goal_time', 'number', 1.0,
          'time after the end of its motion in which such a goal must be reached, s; '
          'infinite: any', low=0.0, infinite=True),
-    live('simulation.max_duration', 'number', 3600.0,
-         'largest accepted duration of a simulation, '
-         's', positive=True, low=0.0),
-    live('simulation.max_steps', 'count', 1_000_000,
-         'largest accepted number of steps of a '
-         'simulation', low=1.0, high=1e8),
-    live('simulation.max_points', 'count', 2000,
-         'largest number of points in a simulated '
-         'trajectory; the torque path is blocked while thousands of points are '
-         'converted', low=2.0,
-         high=1e6),
-    Spec('simulation.integrator', 'text', AUTO,
-         'integrator of simulations; auto: rk4, or implicit where friction, springs or '
-         'beams need shorter steps with rk4 than the requested one',
-         choices=(AUTO, *INTEGRATORS)),
     live('simulation.stops', 'flag', False,
          'put rigid, inelastic stops at the position limits in '
          'simulations'),
     live('simulation.sticking', 'flag', False,
          'simulate exact Coulomb friction: joints stick below '
          'breakaway friction'),
-    live('simulation.max_waiting', 'count', 8,
-         'largest number of queued simulations; further '
-         'requests are answered as busy', low=1.0, high=1000.0),
     Spec('realtime.priority', 'count', 0,
          'real-time priority (SCHED_FIFO) of the threads that '
          'compute torques; 0: ordinary scheduling', low=0.0, high=99.0),
@@ -572,8 +435,31 @@ SPECS = (
     Spec('realtime.keep_awake', 'flag', False,
          'keep idle processors of the computer awake '
          '(/dev/cpu_dma_latency), since a sleeping one wakes late; costs power'),
-    Spec('realtime.collect_rarely', 'flag', False,
-         'run the garbage collector of Python only when '
-         'diagnostics are published, so that it delays no torque'),
 )
 BY_NAME = {spec.name: spec for spec in SPECS}
+# What nobody has had to set, under the names with which the rooms read it.
+CONSTANTS: dict[str, Any] = {
+    'payload.max_distance': 2.0,  # m, of its center of mass from the frame
+    'target.max_angle': 1.6,  # rad, of the target from the measured pose
+    'target.max_distance': 0.5,  # m, of it from there
+    'observer.friction.speed': np.array(FRICTION_SPEED),  # rad/s or m/s
+    'observer.friction.memory': 20.0,  # s, in which the friction follows the estimate
+    'observer.confirm': 0.005,  # s above a threshold that confirm a collision
+    'observer.release': 0.8,  # of the thresholds, below which it ends
+    'observer.clear': 0.2,  # s below that, after which it ends
+    'closure.max_conditioning': 200.0,  # one over the distance from a singularity
+    'cartesian.null_damping': 2.0,  # 1/s
+    'simulation.max_duration': 3600.0,  # s
+    'simulation.max_steps': 1_000_000,
+    'simulation.max_points': 2000,
+    'simulation.max_waiting': 8,  # queued simulations
+    'trajectory.max_points': 10_000,
+    'trajectory.stopped_speed': 0.05,  # rad/s or m/s, at the end of a goal
+    'tf.timeout': 0.5,  # s
+    'wrench.rise_time': 0.5,  # s, from zero to the largest wrench
+    'target.timeout': 0.5,  # s
+    'imu.time_constant': 1.0,  # s, of the low-pass filter of the direction
+    'cartesian.posture': np.zeros(0),  # the positions at which the mode begins
+    'guard.damping': np.array(20.0),  # 1/s
+    'simulation.integrator': AUTO,
+}

@@ -1,6 +1,6 @@
-"""The parameters of impedance, hand guiding and coupled arms as settings of their laws."""
+"""The parameters of impedance and hand guiding as settings of their laws."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import math
 from typing import Any
 
@@ -12,9 +12,6 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 import numpy as np
 
 EFFORTS_PER_UNIT = 5.0  # joint stiffness by default: effort limits per rad or m
-COUPLED = 2.0  # likewise of joints that are coupled with another arm, whose spring adds
-SWIFTEST = 50.0  # rad/s: most of sqrt(stiffness / inertia) of them, as states come late
-RATIO = 0.7  # damping ratio of coupled joints by default
 
 
 def controlled_frame(values: Mapping[str, Any], model: Model) -> str:
@@ -142,10 +139,6 @@ def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     The rows of the friction error are those of `friction_beyond_model`. Friction is left
     to an arm that compensates it itself.
     """
-    planes = values['hand_guiding.planes']
-    if len(planes) % 4:
-        raise InputError(f"parameter 'hand_guiding.planes': {len(planes)} numbers; "
-                         'expected four for each plane')
     joints = robot.joint_names
     # Friction that the arm does not compensate, guiding does not compensate either.
     friction = values['hand_guiding.friction']
@@ -156,60 +149,7 @@ def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
         speed = per_joint(values, 'hand_guiding.max_speed', joints, math.inf)
     return {'friction': friction,
             'damping': per_joint(values, 'hand_guiding.damping', joints, 0.0),
-            'speed_limit': speed, 'frame_speed': values['hand_guiding.max_frame_speed'],
-            'planes': planes.reshape(-1, 4),
-            'plane_stiffness': values['hand_guiding.plane_stiffness'],
+            'speed_limit': speed,
             'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
             'friction_error': np.array(list(friction_beyond_model(values, robot).values())),
             **wall_settings(values, robot)}
-
-
-def coupling_settings(values: Mapping[str, Any], robot: Robot,
-                      joints: Sequence[str]) -> dict[str, Any]:
-    """
-    Return the settings of `ArmCoupling`: parameters coupling.*.
-
-    Parameters
-    ----------
-    values : mapping
-        The node's parameters.
-    robot : Robot
-        The robot of the torque path.
-    joints : sequence of str
-        The joints that are coupled.
-
-    Raises
-    ------
-    InputError
-        A list has the wrong length, or the stiffness is not set and a joint has no
-        effort limit.
-
-    """
-    places = list(map(robot.joint_names.index, joints))
-    # The inertia of each joint with the others free. The independent speeds of an arm of
-    # the node are rates of the joints that are coupled.
-    mobilities = np.diag(np.linalg.inv(robot.mass_matrix(robot.neutral())))
-    inertias = dict(zip(robot.speed_names, 1.0 / mobilities))
-    inertia = np.array([inertias[name] for name in joints])
-    effort = np.asarray(robot.limits.effort, np.float64)[places]
-    # No faster than what states of the partner, some periods late, keep steady.
-    default = np.minimum(COUPLED * effort, SWIFTEST**2 * inertia)
-    default[~np.isfinite(effort)] = np.inf
-    stiffness = per_joint(values, 'coupling.stiffness', joints, default)
-    if not np.isfinite(stiffness).all():
-        joint = joints[int(np.flatnonzero(~np.isfinite(stiffness))[0])]
-        raise InputError(f"parameter 'coupling.stiffness': empty, and joint '{joint}' has "
-                         'no effort limit; expected one number or one per joint, N m/rad '
-                         'or N/m')
-    speeds = np.asarray(robot.limits.velocity, np.float64)[places]
-    damping = 2.0 * RATIO * np.sqrt(stiffness * inertia)
-    settings = {
-        'stiffness': stiffness,
-        'damping': per_joint(values, 'coupling.damping', joints, damping),
-        'scale': per_joint(values, 'coupling.scale', joints, 1.0),
-        'force_limit': per_joint(values, 'coupling.max_force', joints, math.inf),
-        'speed_limit': per_joint(values, 'coupling.max_speed', joints, speeds),
-        'compensate': terms(values)}
-    for name in ('reflection', 'alone', 'timeout', 'ramp', 'align_speed'):
-        settings[name] = values[f'coupling.{name}']
-    return settings

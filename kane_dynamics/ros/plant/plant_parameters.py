@@ -25,8 +25,7 @@ SPECS = (
     replace(BY_NAME['payload.mass'],
             description='mass of the payload, kg; the dynamics node may '
             'assume another one'),
-    *_shared('payload.com', 'payload.inertia', 'payload.max_mass',
-             'payload.max_distance'),
+    *_shared('payload.com', 'payload.inertia', 'payload.max_mass'),
     Spec('rate', 'number', 500.0, "rate of joint states, 1/s of the plant's time",
          low=0.01, high=10_000.0),
     Spec('substeps', 'count', 2, 'integration steps between two joint states', low=1.0,

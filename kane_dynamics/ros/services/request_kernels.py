@@ -2,8 +2,8 @@
 The kernels of requests, which a thread compiles while the node commands already.
 
 Those of requests that are answered at once come first (`compile_answers`); one that a
-request needs earlier is compiled for it. Simulations and path timing, which a worker
-computes, need more code than all others together: the worker waits for it
+request needs earlier is compiled for it. Simulations, which a worker computes, need more
+code than all others together: the worker waits for it
 (`LaterKernels`).
 """
 
@@ -26,7 +26,6 @@ from kane_dynamics.simulation.stepper import compile_row_steps
 
 ANSWERS = 'answers'
 SIMULATIONS = 'simulations'
-TIMINGS = 'time-optimal timings'
 POLL = 0.05  # s; requests that wait may be cancelled
 
 

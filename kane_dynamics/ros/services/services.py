@@ -15,14 +15,11 @@ from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,
                                                       get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest
-from kane_dynamics.ros.services.time_optimal_request import timing_request
-from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,
-                                                           filled_message)
+from kane_dynamics.ros.services.trajectory_filling import filled_message
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
-                                          GetDynamics, InverseDynamics, SetPayload,
-                                          Simulate, TimeOptimal)
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -73,8 +70,6 @@ class Services(Node):
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
                                  (Explain, 'explain', explain),
-                                 (FillTrajectory, 'fill_trajectory',
-                                  fill_trajectory_tables),
                                  (SetPayload, 'set_payload',
                                   lambda served, request,
                                   response: on_payload(request))):
@@ -82,8 +77,6 @@ class Services(Node):
                                 self._answering(call), qos_profile=SERVICES)
         self.create_service(Simulate, front.resolve_service_name('~/simulate'),
                             self._simulate, qos_profile=SERVICES, callback_group=waiting)
-        self.create_service(TimeOptimal, front.resolve_service_name('~/time_optimal'),
-                            self._time, qos_profile=SERVICES, callback_group=waiting)
         self.create_subscription(
             JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
             lambda data, info: on_trajectory(data, info['received_timestamp']),
@@ -171,17 +164,6 @@ class Services(Node):
                 lambda: simulation.run(response, lambda t: not self.worker.stopping),
                 self.max_waiting)
             response.success = not self.worker.stopping
-        except Exception as error:
-            return self._failed(response, error)
-        return response
-
-    async def _time(self, request: TimeOptimal.Request,
-                    response: TimeOptimal.Response) -> TimeOptimal.Response:
-        """Serve ~/time_optimal; other requests are served while this one is queued."""
-        try:
-            compute = timing_request(self._require(), request)
-            await self.worker.submit(lambda: compute(response), self.max_waiting)
-            response.success = True
         except Exception as error:
             return self._failed(response, error)
         return response

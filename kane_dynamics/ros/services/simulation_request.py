@@ -150,16 +150,14 @@ def _times(request: Any, values: Mapping[str, Any]) -> tuple[float, float, float
                                            for name in ('duration', 'steps', 'points'))
     duration = _seconds(request, 'duration')
     if duration > max_duration:
-        raise InputError(f'duration: {duration:g} s; expected at most {max_duration:g} '
-                         's (parameter simulation.max_duration)')
+        raise InputError(f'duration: {duration:g} s; expected at most {max_duration:g} s')
     step = _seconds(request, 'step', DEFAULT_STEP)
     if step > duration:
         raise InputError(f'step: {step:g} s; expected at most the duration, '
                          f'{duration:g} s')
     if duration / step > max_steps * (1.0 + 1e-9):
         raise InputError(f'duration {duration:g} s with step {step:g} s: '
-                         f'{duration / step:.0f} steps; expected at most {max_steps} '
-                         '(parameter simulation.max_steps)')
+                         f'{duration / step:.0f} steps; expected at most {max_steps}')
     # A multiple of the step that gives about DEFAULT_POINTS points: the conversion of
     # more points would block the torque path for too long.
     default = step * max(1, math.ceil(duration / step / DEFAULT_POINTS - 1e-9))
@@ -167,7 +165,7 @@ def _times(request: Any, values: Mapping[str, Any]) -> tuple[float, float, float
     if duration / sample + 1.0 > max_points * (1.0 + 1e-9):
         raise InputError(f'duration {duration:g} s with sample_period {sample:g} s: '
                          f'{duration / sample + 1.0:.0f} points; expected at most '
-                         f'{max_points} (parameter simulation.max_points)')
+                         f'{max_points}')
     return duration, step, sample
 
 

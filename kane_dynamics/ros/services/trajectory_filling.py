@@ -1,4 +1,4 @@
-"""Fill in trajectories for joint_trajectory_controller: the topic and the service."""
+"""Fill in trajectories for joint_trajectory_controller."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,12 +8,11 @@ from typing import Any
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                           FilledTrajectory)
-from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import HEAD, STAMP, STAMP_AT, Writer
-from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, NANO,
+from kane_dynamics.ros.common.conversion import (Array, NANO,
                                                  nanoseconds, point_columns)
 from kane_dynamics.ros.inputs.trajectory_input import read_trajectory, TrajectoryHeader
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
@@ -36,9 +35,8 @@ class FillSettings:
     compensate : Terms
     effort_limit : (n,) array
         N m or N, in addition to that of the robot.
-    tolerance, rest : (n,) arrays or None
-        Largest error of the interpolated effort, N m or N, and positions of the joints
-        that a trajectory lacks, rad or m; None if not set.
+    tolerance : (n,) array or None
+        Largest error of the interpolated effort, N m or N; None if not set.
     clip : bool
         Clamp efforts instead of rejecting a trajectory.
 
@@ -47,7 +45,6 @@ class FillSettings:
     compensate: Terms
     effort_limit: Array
     tolerance: Array | None
-    rest: Array | None
     clip: bool
 
     @classmethod
@@ -58,15 +55,12 @@ class FillSettings:
 
         Raise InputError if one does not fit.
         """
-        # An empty list is a parameter that is not set.
-        def if_set(name: str) -> Array | None:
-            if values[name].shape == (0,):
-                return None
-            return per_joint(values, name, joints, 0.0)
-        return cls(compensate=terms(values),
+        tolerance = None
+        if values['feedforward.tolerance'].size:
+            tolerance = per_joint(values, 'feedforward.tolerance', joints, 0.0)
+        return cls(compensate=terms(values), tolerance=tolerance,
                    effort_limit=per_joint(values, 'limits.effort', joints, math.inf),
-                   tolerance=if_set('feedforward.tolerance'),
-                   rest=if_set('feedforward.rest'), clip=values['feedforward.clip'])
+                   clip=values['feedforward.clip'])
 
 
 def filled_message(served: ServedRobot, data: bytes) -> bytes:
@@ -87,7 +81,7 @@ def filled_message(served: ServedRobot, data: bytes) -> bytes:
     columns = point_columns(message, names, max_points)
     on_receipt = not nanoseconds(message.header.stamp)
     _refuse_impossible(served, names, columns, executed=on_receipt)
-    return serialized_trajectory(message.header, _filled(served, names, columns, None))
+    return serialized_trajectory(message.header, _filled(served, names, columns))
 
 
 def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) -> bytes:
@@ -125,28 +119,6 @@ def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) ->
     return bytes(writer.data) + body
 
 
-def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> None:
-    """Fill in the response to a FillTrajectory request."""
-    names = list(request.joint_names) or list(served.robot.joint_names)
-    times = np.array(request.time_from_start)
-    check_points(len(times), served.values['trajectory.max_points'])
-    columns = [table(request, field, len(times), len(names)) for field in FIELDS]
-    # No tolerance: that of the parameter; one number: of all joints.
-    tolerance: Any = np.array(request.tolerance) if len(request.tolerance) else None
-    if tolerance is not None and len(tolerance) == 1:
-        tolerance = tolerance[0]
-    _refuse_impossible(served, names, (times, *columns), executed=False)
-    filled = _filled(served, names, (times, *columns), tolerance)
-    response.joint_names = list(filled.joint_names)
-    response.time_from_start = doubles(filled.times)
-    for field in FIELDS:
-        setattr(response, field, doubles(getattr(filled, field)))
-    response.effort = doubles(filled.efforts)
-    response.inserted = filled.inserted
-    if filled.effort_error is not None:
-        response.effort_error = doubles(filled.effort_error)
-
-
 def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
                        executed: bool) -> None:
     """
@@ -179,8 +151,8 @@ def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequen
     refuse_impossible(served, motion, place, speeds=rates)
 
 
-def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
-            tolerance: Array | None) -> FilledTrajectory:
+def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any]
+            ) -> FilledTrajectory:
     """
     Return a filled trajectory.
 
@@ -192,15 +164,14 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         The joints of the columns.
     points : (K,) and three (K, m) arrays
         Times, positions, velocities and accelerations; the last two may be None.
-    tolerance : (m,) array, optional
-        Default: parameter feedforward.tolerance.
 
     """
     joints = served.robot.joint_names
     settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
     all_known = len(index) == len(names)  # `fill_trajectory` refuses unknown joints
-    if tolerance is None and settings.tolerance is not None and all_known:
+    tolerance = None
+    if settings.tolerance is not None and all_known:
         tolerance = settings.tolerance[index]
     # A first point later than 0 s: the motion sets out from where the arm is.
     first_time = points[0][0]
@@ -210,7 +181,7 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         raise InputError(f'point 0: time_from_start {first_time:g} s without a measured '
                          'position; expected 0 s, or an active node that receives joint '
                          'states')
-    resting = _resting(served.robot, names, measured, settings.rest)
+    resting = _resting(served.robot, names, measured)
     start = None
     if sets_out and measured is not None and all_known:
         start = (measured[index], None, None)
@@ -223,47 +194,17 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         max_figure=served.values['closure.max_conditioning'])
 
 
-def resting_configuration(served: ServedRobot, names: Sequence[str]) -> Array | None:
+def _resting(robot: Robot, names: Sequence[str], measured: Array | None) -> Array | None:
     """
-    Return where the joints are that a trajectory or a path lacks, (n_q,), if known.
+    Return where the joints are that a trajectory of joints `names` lacks, (n_q,).
 
-    `names` are its joints. The configuration is in the assembly mode of the latest joint
-    states; InputError if joints are missing whose positions are not known.
+    The result is None if that is not known, and not needed. InputError if joints are
+    missing whose positions are not known.
     """
-    settings = FillSettings.from_values(served.values, served.robot.joint_names)
-    return _resting(served.robot, names, served.measured(), settings.rest)
-
-
-def _resting(robot: Robot, names: Sequence[str], measured: Array | None,
-             rest: Array | None) -> Array | None:
-    """Return `resting_configuration` for measured positions and the parameter's."""
     missing = [name for name in robot.joint_names if name not in names]
-    known = rest if measured is None else measured
-    if known is None:
-        # Loops may close from the configuration of the constraints file.
-        if missing and robot.configuration is None:
-            raise InputError(f'positions of {", ".join(missing)}: not known; expected a '
-                             'trajectory of all joints, parameter feedforward.rest, a '
-                             '`configuration` in the constraints file, or an active node '
-                             'that receives joint states')
-        return None
-    resting = known.copy()
-    # Missing joints that no others drive rest at the parameter's positions; those that
-    # follow by loop closure stay in the measured assembly mode.
-    if rest is not None:
-        driving = driving_joints(robot)
-        for k, name in enumerate(robot.joint_names):
-            if name in missing and name in driving:
-                resting[k] = rest[k]
-    return resting
-
-
-def table(request: Any, field: str, points: int, joints: int) -> Array | None:
-    """Return a table of a request, (K, m); None if it is empty."""
-    values = np.array(getattr(request, field))
-    if not values.size and field != 'positions':
-        return None
-    if values.size != points * joints:
-        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, '
-                         f'one row of {joints} for each of {points} points')
-    return values.reshape(points, joints)
+    # Loops may close from the configuration of the constraints file.
+    if measured is None and missing and robot.configuration is None:
+        raise InputError(f'positions of {", ".join(missing)}: not known; expected a '
+                         'trajectory of all joints, a `configuration` in the constraints '
+                         'file, or an active node that receives joint states')
+    return measured

@@ -46,8 +46,8 @@ class Worker:
 
         """
         if self._queue.qsize() >= max_waiting:
-            raise BusyError(f'busy: {max_waiting} simulations queued; expected fewer '
-                            'than parameter simulation.max_waiting; try again later')
+            raise BusyError(f'busy: {max_waiting} simulations queued; expected fewer; try '
+                            'again later')
         future = Future()
         self._queue.put((work, future))
         return future

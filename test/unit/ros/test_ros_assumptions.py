@@ -13,17 +13,15 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames  # noqa: E402
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noqa: E402
                                                      ServedRobot)
 from kane_dynamics.ros.services.service_calls import (  # noqa: E402
     explain, forward_dynamics, get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
-from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics_interfaces.srv import (  # noqa: E402
-    Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate, TimeOptimal)
+    Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
+from node_values import node_values  # noqa: E402
 
 URDF = resource_path('urdf', 'two_link.urdf')
 STATE = {'position': [0.4, 0.3], 'velocity': [0.5, -0.2]}
@@ -33,8 +31,7 @@ STATE = {'position': [0.4, 0.3], 'velocity': [0.5, -0.2]}
 def served(bending=True, **changes):
     model = load_urdf(URDF, supplement=resource_path('urdf', 'two_link.bending.yaml'))
     robot = Robot(stiffened(model))
-    values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
-        'arm_compensates': ('none',)} | {
+    values = node_values() | {
         name.replace('__', '.'): value for name, value in changes.items()}
     return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity), values,
                        WrenchFrames(robot),
@@ -85,14 +82,6 @@ def test_the_observer_has_the_torque_without_that_of_the_deflection():
     assert torque.torque(cycle) is None
     (reason, detail), = rejected
     assert reason == 'no deflection' and 'no equilibrium found' in detail
-
-
-def test_the_timing_of_a_path_says_that_beams_are_rigid():
-    for bending in (True, False):
-        response = TimeOptimal.Response()
-        timing_request(served(bending), TimeOptimal.Request(
-            positions=[0.0, 0.0, 0.4, 0.3], max_acceleration=[5.0]))(response)
-        assert response.message == RIGID * bending
 
 
 @pytest.mark.parametrize('stops', [False, True])

@@ -205,7 +205,7 @@ def test_objects_go_by_name_by_link_and_with_a_whole_scene():
     (attached(primitive(5, 0.1)), 'expected a box, sphere, cylinder or cone'),
     (attached(CUBE, CUBE, poses=[Pose()]), '2 shapes with 1 poses'),
     (attached(primitive(1, 1.0, 1.0, 1.0)), 'payload.max_mass'),
-    (attached(CUBE, at=(5.0, 0.0, 0.0)), 'payload.max_distance'),
+    (attached(CUBE, at=(5.0, 0.0, 0.0)), 'at most 2 m from the frame'),
     (attached(CUBE, at=(np.nan, 0.0, 0.0)), 'expected finite numbers')])
 def test_objects_that_are_none_are_refused_and_the_others_act(thing, reason):
     rig = Rig(density=1000.0)

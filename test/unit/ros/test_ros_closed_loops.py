@@ -24,15 +24,12 @@ from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import (  # noqa: E402
     examine_states, ReceivedState)
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
-from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
     check_optional_topics)
 from kane_dynamics.ros.monitors.payload_monitor import PayloadMonitor  # noqa: E402
-from kane_dynamics.ros.monitors.torque_breakdown_topic import (  # noqa: E402
-    TorqueBreakdownTopic)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
@@ -464,29 +461,6 @@ def test_torque_of_deflected_beams_is_that_of_the_rigid_model_whatever_the_arm_a
     expected = rigid.inverse_dynamics(q, u, at_rest)
     assert np.abs(bent.inverse_dynamics(q, u, at_rest) - expected).max() > 0.1
     np.testing.assert_allclose(torques, expected, atol=1e-6)
-
-
-@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
-def test_the_explanation_is_of_the_torque_of_the_motion(mode):
-    rig = Rig(mode=mode)
-    topic = Broken()
-    robot = palletizer().copy()
-    server = SimpleNamespace(create_timer=lambda *_, **__: None, served=SimpleNamespace(
-        robot=robot, loads=GravityAndPayload(robot.parameters.gravity)))
-    explainer = TorqueBreakdownTopic(server, topic, 5.0, rig.path.controller, None,
-                                     lambda *words: pytest.fail(str(words)))
-    rig.path.add_observer(explainer, need_effort=False)
-    rig.state()
-    rig.follow()
-    rig.time += NANO
-    q_d, u_d, _ = MOTION.sample(1.0 + 0.002)
-    command, = rig.state(q_d, u_d)
-    explainer._publish()
-    message = topic.sent[-1]
-    whole = np.reshape(message.by_source, (len(message.sources), -1)).sum(axis=0)
-    assert tuple(message.joint_names) == robot.speed_names == DRIVEN
-    np.testing.assert_allclose(in_order(whole), command, rtol=1e-8)
-    assert abs(message.power_residual) < 1e-6
 
 
 def test_the_doctor_examines_the_joints_that_are_needed():

@@ -18,7 +18,7 @@ from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E
 from kane_dynamics.ros.monitors.payload_monitor import (estimator_settings,  # noqa: E402
                                                         PayloadMonitor)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -37,7 +37,7 @@ NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good 
 
 
 def settings(**changes):
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values = node_values()
     values['arm_compensates'] = ('none',)
     arguments = {'payload.frame': FRAME, 'estimator.enabled': True,
                  'mode': 'gravity_compensation'}

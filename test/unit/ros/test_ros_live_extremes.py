@@ -21,7 +21,7 @@ from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 
 ROOT = Path(__file__).parents[3]
 # Lists without a range, and the mode, whose changes have tests of their own.
-WITHOUT_RANGE = {'mode', 'attached_objects.masses', 'hand_guiding.planes'}
+WITHOUT_RANGE = {'mode', 'attached_objects.masses'}
 ROUNDING = 1e-6
 
 

@@ -156,7 +156,7 @@ def test_a_gap_or_a_backward_jump_resets_the_filter():
             gravity.update(imu(start + 0.05 * k, (0.0, 0.0, 9.81)), NOW)
     never_settled(1.0)
     # An error, because an IMU with a low rate would otherwise be ignored silently.
-    with pytest.raises(InputError, match=r'at most 3 times imu\.time_constant, 1 s'):
+    with pytest.raises(InputError, match='expected at most 3 s'):
         gravity.update(imu(50.0, (0.0, 0.0, 9.81)), NOW)
     never_settled(50.01)
     never_settled(20.0)

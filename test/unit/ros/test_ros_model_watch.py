@@ -14,8 +14,7 @@ from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.monitors.model_watch_monitor import (  # noqa: E402
     check_reference, check_watch, ModelWatchMonitor)
-from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from node_values import node_values  # noqa: E402
 from recordings import exciting  # noqa: E402
 
 NANO = 10**9
@@ -52,7 +51,7 @@ def reference(tmp_path_factory):
 
 def node_parameters(reference, **changes):
     """Return the parameters of a node that watches over its model."""
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values = node_values()
     return values | {'arm_compensates': ('none',), 'watch.reference': reference,
                      'watch.window': 10.0} | changes
 

@@ -14,10 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import LoopError  # noqa: E402
 from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
-from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
-from kane_dynamics.ros.services.trajectory_filling import (  # noqa: E402
-    fill_trajectory_tables, filled_message)
-from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal  # noqa: E402
+from kane_dynamics.ros.services.trajectory_filling import filled_message  # noqa: E402
 from node_values import served_robot, UNCHECKED  # noqa: E402
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -113,25 +110,6 @@ def test_the_topic_of_filled_trajectories_has_the_same_rules(fault):
             trajectory(times, rows)))
 
 
-@pytest.mark.parametrize('fault', IMPOSSIBLE)
-def test_the_service_that_fills_has_them_too_and_does_not_ask_where_the_arm_is(fault):
-    times, rows, reason = IMPOSSIBLE[fault]
-    request = FillTrajectory.Request(time_from_start=times,
-                                     positions=np.ravel(rows).tolist())
-    fill = partial(fill_trajectory_tables, served({'feedforward.clip': True}), request)
-    if fault == 'far from the arm':
-        fill(FillTrajectory.Response())
-        return
-    with pytest.raises(KaneError, match=reason):
-        fill(FillTrajectory.Response())
-
-
-def test_a_path_in_degrees_is_not_timed():
-    request = TimeOptimal.Request(positions=np.degrees([HOME, NEAR]).ravel().tolist())
-    with pytest.raises(KaneError, match='if these are degrees'):
-        timing_request(served(), request)
-
-
 def test_a_trajectory_that_starts_later_may_start_elsewhere():
     times, rows, _ = IMPOSSIBLE['far from the arm']
     filled_message(served(),
@@ -196,11 +174,11 @@ def test_a_motion_sets_out_at_the_speed_of_the_arm_and_ends_at_rest(fault):
     moving = still.copy()
     moving[1] = first
     if last:
-        request = FillTrajectory.Request(time_from_start=times,
-                                         positions=np.ravel(rows).tolist(),
-                                         velocities=speeds.ravel().tolist())
+        message = trajectory(times, rows)
+        for point, speed in zip(message.points, speeds):
+            point.velocities = speed.tolist()
         with pytest.raises(KaneError, match=reason):
-            fill_trajectory_tables(served(), request, FillTrajectory.Response())
+            filled_message(served(), serialize_message(message))
     else:
         refuse_impossible(served(), jumps, HOME, 0.0, moving)
         refuse_impossible(served(), jumps)

@@ -302,8 +302,7 @@ def test_both_paths_have_the_same_friction_at_reversals(mode, monkeypatch):
 @pytest.mark.parametrize(('mode', 'variants'), [
     ('cartesian_impedance',
      [{}, {'cartesian.frame': 'link1'}, {'cartesian.axes': 'frame'},
-      {'cartesian.axes': 'base_link'}]),
-    ('hand_guiding', [{'hand_guiding.planes': [1.0, 0.0, 0.0, 2.0]}, {}])])
+      {'cartesian.axes': 'base_link'}])])
 def test_a_law_of_another_frame_is_not_answered_from_the_cache(mode, variants):
     """The cache is on disk: the law before can be that of an earlier configuration."""
     for variant in variants:
@@ -858,10 +857,10 @@ def test_a_configuration_on_the_interpreters_path_has_a_stated_reason():
     assert not python_reason(node_values(), controller, None)
     for name in ('guard.enabled', 'stamped_commands'):
         assert not python_reason(node_values({name: True}), controller, None)
-    for changes in ({'mode': 'arm_coupling'},
-                    {'modes': ['hand_guiding', 'arm_coupling']}):
+    for changes in ({'mode': 'motor_side'},
+                    {'modes': ['hand_guiding', 'motor_side']}):
         assert python_reason(
-            node_values(changes), controller, None) == 'mode arm_coupling'
+            node_values(changes), controller, None) == 'mode motor_side'
     for mode in NATIVE_MODES:
         assert not python_reason(node_values({'mode': mode}), controller, None)
 

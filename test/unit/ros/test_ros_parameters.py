@@ -5,7 +5,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.configuration_files import resolve_path
 from kane_dynamics.ros.parameters.parameter_checks import (declare, per_joint, read,
@@ -13,8 +12,7 @@ from kane_dynamics.ros.parameters.parameter_checks import (declare, per_joint, r
                                                            unknown_parameters)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
-from kane_dynamics.ros.torque_path.path_controller import path_controller, rate_limit
-from node_values import node_values
+from kane_dynamics.ros.torque_path.path_controller import rate_limit
 import numpy as np
 import pytest
 from ros_lines import flat
@@ -80,8 +78,8 @@ def test_the_descriptors_state_the_range_of_each_parameter():
     ('gains.kp', 'high'),
     ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'),
     ('joints', ['a', 'a']),
-    ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
-    ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
+    ('joints', ['']), ('joints', [1]), ('realtime.priority', -1),
+    ('realtime.priority', 1.5), ('realtime.priority', 10**9),
     ('modes', ['computed_torque']), ('modes', 'joint_impedance'),
     ('arm_compensates', 'weight'), ('arm_compensates', ['gravity', 'none']),
     ('arm_compensates', ['gravity', 'gravity']), ('arm_compensates', 3),
@@ -155,19 +153,3 @@ def test_a_package_that_is_not_installed_is_named():
         resolve_path('urdf', '/no/file')
 
 
-@pytest.mark.parametrize(('values', 'choice'), [
-    ({}, 'desired_speed'), ({'feedforward.friction': 'none'}, 'none'),
-    ({'feedforward.friction': 'ahead'}, 'ahead'),
-    ({'feedforward.friction': 'ahead', 'feedforward.friction_lead': 0.1}, 0.1)])
-def test_the_friction_of_commands_is_that_of_the_parameters(values, choice):
-    model = load_urdf(resource_path('urdf', 'two_link.urdf'))
-    controller = path_controller(model, node_values(values))
-    assert controller.robot.options['feedforward_friction'] == choice
-
-
-def test_a_lead_of_friction_that_is_not_ahead_is_refused():
-    model = load_urdf(resource_path('urdf', 'two_link.urdf'))
-    values = node_values({'feedforward.friction_lead': 0.1})
-    with pytest.raises(InputError,
-                       match=r"friction_lead': 0\.1 s, with .*'desired_speed'"):
-        path_controller(model, values)

@@ -13,6 +13,7 @@ from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import TORQUE_TERMS
 from kane_dynamics.ros.parameters.parameter_checks import read
+from kane_dynamics.ros.parameters.parameter_table import CONSTANTS
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import DelayLine, MAX_ITEMS, PlantState
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
@@ -46,7 +47,8 @@ def arm(step=1e-3, frames=(), **limits):
 def values(**changes):
     arguments = {spec.name: spec.default for spec in SPECS} | {
         name.replace('__', '.'): value for name, value in changes.items()}
-    return {name: read(BY_NAME[name], value) for name, value in arguments.items()}
+    return CONSTANTS | {name: read(BY_NAME[name], value)
+                        for name, value in arguments.items()}
 
 
 def plant(**changes):

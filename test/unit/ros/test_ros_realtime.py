@@ -6,12 +6,11 @@ import re
 import resource
 import threading
 
-from kane_dynamics.native.machine_code.compiling import gc_paused
 from kane_dynamics.ros.common import realtime
 import pytest
 
 OFF = {'realtime.priority': 0, 'realtime.cpus': (), 'realtime.lock_memory': False,
-       'realtime.keep_awake': False, 'realtime.collect_rarely': False}
+       'realtime.keep_awake': False}
 
 
 @pytest.fixture(autouse=True)
@@ -44,14 +43,13 @@ def test_each_refusal_is_one_warning_with_the_remedy(monkeypatch):
     warnings = []
     realtime.apply_realtime_settings(
         {'realtime.priority': 40, 'realtime.cpus': (0,), 'realtime.lock_memory': True,
-         'realtime.keep_awake': True, 'realtime.collect_rarely': True}, warnings.append)
+         'realtime.keep_awake': True}, warnings.append)
     assert len(warnings) == 4
     for words, warning in zip(('realtime.priority 40: .*rtprio', 'realtime.cpus',
                                'RLIMIT_MEMLOCK: 65536 bytes; expected no limit',
                                'realtime.keep_awake: .*write access'), warnings):
         assert 'the node runs without it' in warning
         assert re.search(words, warning)
-    assert not gc.isenabled()
 
 
 def test_processors_are_kept_awake_until_release_or_the_next_settings(
@@ -90,22 +88,3 @@ def test_only_the_main_thread_and_dds_threads_are_scheduled():
     finally:
         release.set()
         thread.join()
-
-
-def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disabled(
-        monkeypatch):
-    collected = []
-    monkeypatch.setattr(gc, 'collect', lambda: collected.append(True))
-    realtime.collect_if_disabled()
-    assert not collected
-    with gc_paused():  # the kernels of requests compile
-        realtime.collect_if_disabled()
-    assert not collected
-    realtime.apply_realtime_settings({**OFF, 'realtime.collect_rarely': True},
-                                     pytest.fail)
-    try:
-        realtime.collect_if_disabled()
-        assert collected
-    finally:
-        realtime.release()
-    assert gc.isenabled()

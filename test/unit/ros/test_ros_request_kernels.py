@@ -13,20 +13,18 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics.feasibility.path_robot import compile_timing  # noqa: E402, I100
 from kane_dynamics.ros.services.motion_check import motion_efforts  # noqa: E402
 from kane_dynamics.ros.services.request_kernels import (  # noqa: E402
-    compile_answers, compile_simulations, LaterKernels, SIMULATIONS, TIMINGS)
+    compile_answers, compile_simulations, LaterKernels, SIMULATIONS)
 from kane_dynamics.ros.services.service_calls import (  # noqa: E402
     explain, forward_dynamics, get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
-from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
-from kane_dynamics.ros.services.trajectory_filling import (  # noqa: E402
-    fill_trajectory_tables)
+from kane_dynamics.ros.services.trajectory_filling import filled_message  # noqa: E402
 from kane_dynamics_interfaces.srv import (  # noqa: E402
-    Explain, FillTrajectory, ForwardDynamics, GetDynamics, InverseDynamics, Simulate,
-    TimeOptimal)
+    Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
 from node_values import served_robot  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 PATIENCE = 30.0  # s
 
@@ -73,11 +71,14 @@ def test_requests_compile_nothing_once_their_kernels_are_ready(monkeypatch, made
     names = list(robot.actuated_names)
     places = [robot.coordinate_names.index(name) for name in names]
     rows = np.array([q[places], q[places] + 0.05])
-    filled = FillTrajectory.Response()
-    fill_trajectory_tables(served, FillTrajectory.Request(
-        joint_names=names, time_from_start=[0.0, 1.0], positions=rows.ravel().tolist()),
-                           filled)
-    assert np.isfinite(filled.effort).all()
+    message = JointTrajectory(joint_names=names)
+    for second, row in enumerate(rows):
+        point = JointTrajectoryPoint(positions=row.tolist())
+        point.time_from_start.sec = second
+        message.points.append(point)
+    filled = deserialize_message(filled_message(served, serialize_message(message)),
+                                 JointTrajectory)
+    assert np.isfinite([point.effort for point in filled.points]).all()
     motion = Motion.from_points([0.0, 1.0], rows, joint_names=names)
     times = np.array([0.0, 0.5])
     assert np.isfinite(motion_efforts(served, motion, times, motion.sample(times))).all()
@@ -86,16 +87,11 @@ def test_requests_compile_nothing_once_their_kernels_are_ready(monkeypatch, made
     monkeypatch.setattr(llvm, 'assemble', assemble)
     compile_simulations(served.simulated, ['rk4'],
                         sticking=False, stops=False, locks=False)
-    compile_timing(served.simulated)
     monkeypatch.setattr(llvm, 'assemble', refused)
     if not robot.constraint_names:  # of which forces follow by kernels of their own
         SimulationRequest.from_request(
             Simulate.Request(**state, duration=0.01), served).run(
                 Simulate.Response(), lambda t: True)
-    timed = TimeOptimal.Response()
-    timing_request(served, TimeOptimal.Request(
-        joint_names=names, positions=rows.ravel().tolist()))(timed)
-    assert timed.time_from_start[-1] > 0.0
 
 
 def test_worker_requests_wait_for_their_kernels():
@@ -110,9 +106,7 @@ def test_worker_requests_wait_for_their_kernels():
     SimulationRequest.from_request(Simulate.Request(
         position=q.tolist(), velocity=u.tolist(), duration=0.01),
         served).run(Simulate.Response(), lambda t: True)
-    timing_request(served, TimeOptimal.Request(
-        positions=[*q.tolist(), *(q + 0.1).tolist()]))(TimeOptimal.Response())
-    assert asked == [SIMULATIONS, TIMINGS]
+    assert asked == [SIMULATIONS]
 
 
 class Groups:

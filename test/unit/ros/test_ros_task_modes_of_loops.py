@@ -24,7 +24,6 @@ def controller():
     values = node_values({'constraints': str(LOOPS), 'modes': list(map(str, LAW_MODES)),
                           'mode': 'joint_impedance',
                           'cartesian.frame': 'tool', 'joint_impedance.stiffness': 900.0,
-                          'coupling.partner': 'partner', 'coupling.stiffness': 900.0,
                           'cartesian.posture_stiffness': 0.0, 'cartesian.max_force': 1e6,
                           'cartesian.max_moment': 1e6, 'walls.stiffness': 0.0})
     return path_controller(load_urdf(URDF), values,
@@ -46,7 +45,7 @@ def test_the_torques_at_rest_are_gravity_and_the_spring(controller, mode):
     spring = robot.generalized_force(tau, near) - robot.gravity_force(near)
     if mode is Mode.HAND_GUIDING:
         expected = at_rest
-    elif mode in (Mode.JOINT_IMPEDANCE, Mode.ARM_COUPLING):
+    elif mode is Mode.JOINT_IMPEDANCE:
         names = robot.joint_names
         stretch = {name: 900.0 * (start - near)[names.index(name)] for name in DRIVEN}
         expected = [stretch[name] for name in robot.speed_names]

@@ -1,8 +1,7 @@
-"""Wrench input (sign, axes, rejected messages), contact monitor and torque breakdown."""
+"""Wrench input (sign, axes, rejected messages), and contact monitor."""
 
 from dataclasses import replace
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
-from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -24,11 +23,8 @@ from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa:
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
     check_optional_topics)
-from kane_dynamics.ros.monitors.torque_breakdown_topic import (  # noqa: E402
-    TorqueBreakdownTopic)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -68,11 +64,10 @@ class Rig:
     def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), efforts=None,
                  rise=0.0, **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
-        self.values = node_values(UNCHECKED)
+        changed = {f'observer.{name}': value for name, value in changes.items()}
+        self.values = node_values(UNCHECKED | changed)
         self.values |= {'arm_compensates': arm_compensates, 'wrench.rise_time': rise,
                         'wrench.max_force': 1000.0, 'wrench.max_moment': 300.0} | {
-            f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
-            for name, value in changes.items()} | {
             f'efforts.{name}': read(BY_NAME[f'efforts.{name}'], value)
             for name, value in (efforts or {}).items()}
         self.commands = Sink(Float64MultiArray)
@@ -227,8 +222,7 @@ def test_malformed_messages_are_rejected_and_what_rclpy_reads_is_accepted():
 
 
 def test_fixed_and_unknown_frames_are_refused_by_name():
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
-    values['arm_compensates'] = ('none',)
+    values = node_values()
     for name, words in (('claw', "no frame 'claw'"), (MODEL.base_name, 'does not move')):
         with pytest.raises(InputError, match=words):
             wrench_input.check_frames(MODEL, [name])
@@ -367,45 +361,6 @@ def test_a_backward_clock_jump_drops_the_wrenches():
     rig.wrench(PUSH)  # accepted, although its stamp precedes the last one
     np.testing.assert_allclose(rig.state(), unloaded - load(PUSH), rtol=1e-12)
     assert rig.rejected == []
-
-
-MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]],
-                            joint_names=ROBOT.joint_names)
-DESIRED = MOTION.sample(0.8)
-U = np.array([0.3, -0.5])
-
-
-@pytest.mark.parametrize(('mode', 'motion', 'point'), [
-    ('inverse_dynamics', MOTION, DESIRED),
-    ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
-    ('computed_torque', MOTION, (Q, U, DESIRED[2])),
-    ('computed_torque', None, (Q, U, 0.0 * U)),
-    ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
-def test_the_breakdown_is_of_the_documented_state(mode, motion, point):
-    served = SimpleNamespace(robot=ROBOT,
-                             loads=GravityAndPayload(ROBOT.parameters.gravity))
-    publish = []
-    sent = []
-    server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
-                             publish.append(call))
-    rig = Rig()
-    explainer = TorqueBreakdownTopic(server, SimpleNamespace(publish=sent.append), 10.0,
-                                     Controller(ROBOT, mode=mode), rig.wrenches,
-                                     rig.reject)
-    rig.wrench(PUSH)
-    state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
-    external = rig.wrenches.torques(Q, rig.time)
-    explainer.on_cycle(Cycle(0, state, motion, 0.8, Q, external, None))
-    # The next state overwrites them.
-    state.q[:] = 9.0
-    state.u[:] = 9.0
-    publish[0]()
-    publish[0]()
-    message, = sent
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 9)
-    total = np.reshape(message.by_source, (-1, 2)).sum(axis=0)
-    np.testing.assert_allclose(
-        total, ROBOT.inverse_dynamics(*point, wrench=rig.wrenches.world), rtol=1e-12)
 
 
 def test_the_rate_limits_the_messages_but_not_the_flag():
