@@ -221,8 +221,8 @@ SPECS = (
          'of a cycle in which a torque is held, and the delay until it acts', low=0.0,
          high=0.1),
     Spec('cartesian.frame', 'text', '',
-         'the controlled frame of mode cartesian_impedance, that of the planes of '
-         'hand_guiding and of ~/task_state; empty: `tip`, or else the last link'),
+         'the controlled frame of mode cartesian_impedance '
+         'and of ~/task_state; empty: `tip`, or else the last link'),
     Spec('cartesian.axes', 'text', 'world',
          'axes of cartesian.stiffness: world, frame (those of the target), or a frame '
          'that is fixed to the world or to the body of cartesian.frame'),

@@ -151,5 +151,3 @@ def test_a_package_that_is_not_installed_is_named():
     with pytest.raises(InputError,
                        match="parameter 'urdf': no file '/no/file'; expected"):
         resolve_path('urdf', '/no/file')
-
-

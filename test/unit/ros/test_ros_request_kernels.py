@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics.ros.services.motion_check import motion_efforts  # noqa: E402
+from kane_dynamics.ros.services.motion_check import motion_efforts  # noqa: E402, I100
 from kane_dynamics.ros.services.request_kernels import (  # noqa: E402
     compile_answers, compile_simulations, LaterKernels, SIMULATIONS)
 from kane_dynamics.ros.services.service_calls import (  # noqa: E402
