@@ -437,7 +437,7 @@ SPECS = (
          '(/dev/cpu_dma_latency), since a sleeping one wakes late; costs power'),
 )
 BY_NAME = {spec.name: spec for spec in SPECS}
-# What nobody has had to set, under the names with which the rooms read it.
+# Numbers without a parameter, under the names with which the rooms read them.
 CONSTANTS: dict[str, Any] = {
     'payload.max_distance': 2.0,  # m, of its center of mass from the frame
     'target.max_angle': 1.6,  # rad, of the target from the measured pose
