@@ -31,7 +31,7 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test install-test test-slow soak bench kernel-sizes message-loop picture lint docs docs-test colcon-test clean FORCE
+.PHONY: help install demo test install-test test-slow soak bench kernel-sizes llvm-texts picture lint docs docs-test colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
@@ -41,7 +41,7 @@ help:
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
-	@echo 'make message-loop  the C loop of the native torque path as LLVM text, by clang 15'
+	@echo 'make llvm-texts   the C sources of the package as LLVM text, by clang 15'
 	@echo 'make picture      docs/view.png, by a headless Chromium, and docs/demo.webp, by OSMesa'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
 	@echo 'make docs         the documentation site, in build/docs'
@@ -193,16 +193,16 @@ picture: install
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
 
-# The loop of the native torque path as LLVM text without what names a processor: the package has it,
-# so that nobody else needs this compiler.
-LOOP := kane_dynamics/native/runtime/message_loop
-LOOP_TEXT := $(LOOP).ll
-message-loop:
+# C sources of the package as LLVM text without what names a processor: the package has it, so that
+# nobody else needs this compiler.
+C_SOURCES := kane_dynamics/native/runtime/message_loop.c kane_dynamics/native/python_call/entry.c
+LLVM_TEXTS ?= $(C_SOURCES:.c=.ll)
+llvm-texts: $(LLVM_TEXTS)
+%.ll: %.c FORCE
 	clang-15 -std=c11 -O2 -ffp-contract=off -fno-strict-aliasing -fno-vectorize -fno-slp-vectorize \
 	  -fno-unroll-loops -fno-asynchronous-unwind-tables -fno-stack-protector -fno-pic -fno-ident \
-	  -S -emit-llvm -o $(LOOP_TEXT) $(LOOP).c
-	sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^attributes/s/ "[^"]*"="[^"]*"//g' \
-	  $(LOOP_TEXT)
+	  -S -emit-llvm -o $@ $<
+	sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^attributes/s/ "[^"]*"="[^"]*"//g' $@
 
 LINTED = $(wildcard kane_dynamics test examples benchmarks docs launch tools setup.py $(INTERFACES)/test)
 

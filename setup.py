@@ -58,7 +58,7 @@ setup(
     long_description_content_type='text/markdown',
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
     package_data={'kane_dynamics': ['py.typed', 'analysis/*.yaml',
-                                    'native/runtime/message_loop.*']},
+                                    'native/*/*.c', 'native/*/*.ll']},
     python_requires='>=3.11',
     classifiers=['Intended Audience :: Science/Research',
                  *[f'Programming Language :: Python :: 3.{minor}'

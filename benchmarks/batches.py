@@ -22,12 +22,11 @@ import warnings
 from interleaved_timing import interleaved, Timing
 from kane_dynamics import Robot
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
-from native_loop import ARMS, Race, race, random_states, TOLERANCE
+from native_loop import ARMS, CPP, cpp_races, Race, race, random_states, TOLERANCE
 import numpy as np
-from pinocchio_native import depth_first, library, Pinocchio, Unavailable
+from pinocchio_native import builds, depth_first, Unavailable
 from report import AS_ARITHMETIC, batch_name, ONE_THREAD, simd, STATES
 
-PEER = 'Pinocchio C++'
 THREADS = 'KANE_DYNAMICS_THREADS'
 TURNS = 15
 # Enough chains of `arithmetic` to keep two units of products busy.
@@ -35,25 +34,28 @@ CHAINS = 8
 LENGTH = 100
 
 
-def peer_race(robot: Robot, what: str) -> Race:
+def peer_races(robot: Robot, what: str) -> list[Race]:
     """Time a large batch of a quantity, one thread each."""
     states = random_states(robot, STATES[what])
-    peer = Pinocchio(robot)
-    permuted = [peer.permuted(x) for x in states]
     kernel, rows = kernel_and_rows(robot, what, states)
     ours = np.empty((len(rows[0]), *kernel.shape))
-    theirs = np.empty_like(ours)
+    contenders = {'ours': partial(kernel, *rows, out=ours)}
+    results = {}
+    for name, peer in builds(robot).items():
+        permuted = [peer.permuted(x) for x in states]
+        results[name] = np.empty_like(ours)
+        contenders[f'{name}: {what}'] = partial(peer.batch, what, *permuted,
+                                                results[name])
     with threads(1):
-        timing = interleaved({'ours': lambda: kernel(*rows, out=ours),
-                              'theirs': lambda: peer.batch(what, *permuted, theirs)},
-                             turns=TURNS)
-    theirs = in_our_layout(what, theirs, kernel.shape)
+        timing = interleaved(contenders, turns=TURNS)
     for axis, size in enumerate(kernel.shape, 1):
         if size == robot.n:
             ours = np.take(ours, peer.columns, axis=axis)
-    np.testing.assert_allclose(ours, theirs, rtol=0.0,
-                               atol=TOLERANCE * np.abs(theirs).max())
-    return race(robot, batch_name(what), PEER, timing, STATES[what], ('theirs',))
+    for theirs in results.values():
+        theirs = in_our_layout(what, theirs, kernel.shape)
+        np.testing.assert_allclose(ours, theirs, rtol=0.0,
+                                   atol=TOLERANCE * np.abs(theirs).max())
+    return cpp_races(robot, batch_name(what), timing, STATES[what])
 
 
 def in_our_layout(what: str, theirs: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -139,14 +141,13 @@ def threads(count: int) -> Iterator[None]:
 
 def races() -> list[Race]:
     """Return all races; Unavailable says why there are none."""
-    library()
     results = []
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
         for make in ARMS.values():
             robot = Robot(make(), friction=False)  # which Pinocchio does not know
             for what in STATES:
-                results += [peer_race(robot, what), *threads_races(robot, what)]
+                results += [*peer_races(robot, what), *threads_races(robot, what)]
     return results
 
 
@@ -154,7 +155,7 @@ def table(results: list[Race]) -> str:
     """Return the races as a Markdown table."""
     two_threads = {}
     for result in results:
-        if result.peer != PEER:
+        if result.peer in (ONE_THREAD, AS_ARITHMETIC):
             name = result.what.replace('two threads', ONE_THREAD)
             two_threads[result.robot, name, result.peer] = result.ratio[0]
     head = (
@@ -162,7 +163,7 @@ def table(results: list[Race]) -> str:
     lines = [f'{head}| ratio | two threads / one | / arithmetic |',
              '|---|---|---|---|---|---|---|']
     for r in results:
-        if r.peer != PEER:
+        if r.peer != CPP:
             continue
         count, what = r.what.removeprefix('batch of ').removesuffix(
             f', {ONE_THREAD}').split(': ')

@@ -23,7 +23,7 @@ from kane_dynamics.native.machine_code import llvm
 import matplotlib
 import matplotlib.pyplot as plt
 from native_loop import check, our_loop, random_states, RIVALS, STATES
-from pinocchio_native import library, Pinocchio, Unavailable
+from pinocchio_native import builds, Pinocchio, Unavailable, versions
 from report import FOLDER
 
 PICTURE = FOLDER / 'chain_growth.png'
@@ -42,21 +42,20 @@ def measured(axes: int, against: bool) -> dict[str, Row]:
     """Return ns, bytes of code and, against Pinocchio, its ns, by quantity."""
     robot = Robot(chain(axes), friction=False)
     states = random_states(robot, STATES)
-    peer = None
-    if against:
-        peer = Pinocchio(robot)
+    peers = builds(robot) if against else {}
+    for peer in peers.values():
         peer.keep(*states)
-    return {what: measured_quantity(robot, what, states, peer) for what in QUANTITIES}
+    return {what: measured_quantity(robot, what, states, peers) for what in QUANTITIES}
 
 
 def measured_quantity(
-        robot: Robot, what: str, states: Iterable, peer: Pinocchio | None) -> Row:
+        robot: Robot, what: str, states: Iterable, peers: dict[str, Pinocchio]) -> Row:
     """Return the figures of a quantity; without Pinocchio there is no 'peer'."""
     loops = {'ours': our_loop(robot, what, states)}
-    if peer is not None:
+    for compiler, peer in peers.items():
         check(robot, peer, what, states)
         for rival in RIVALS[what]:
-            loops[rival] = partial(peer.run, rival)
+            loops[f'{compiler}: {rival}'] = partial(peer.run, rival)
     timing = interleaved(loops, clock=time.process_time)
     program = robot.kernels.program(what, single=True)
     row = {'ns': 1e9 * timing.median('ours') / STATES,
@@ -130,7 +129,7 @@ def main(*arguments: str) -> int:
     warnings.simplefilter('ignore')
     against = True
     try:
-        library()
+        versions()
     except Unavailable as error:
         print(f'Pinocchio left out: {error}')
         against = False

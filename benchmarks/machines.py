@@ -21,7 +21,11 @@ from pinocchio_native import depth_first
 
 ROOT = Path(__file__).resolve().parents[1]
 DISTINCT = 64  # closed configurations, repeated to `STATES`
-ACCURACY = 1e-10  # and regularization of the proximal solver
+SAME = 1e-9  # relative to the largest entry: both must agree before they are timed
+# Accuracies and regularizations of Pinocchio's proximal solver. Redundant rows never
+# reach the smallest accuracy, so that all iterations run; others need few.
+SETTINGS = tuple((accuracy, mu) for accuracy in (1e-6, 1e-8, 1e-10)
+                 for mu in (1e-4, 1e-6, 1e-8, 1e-10))
 REVOLUTE, PRISMATIC, FREE_FLYER = range(3)
 FREE = 6  # bodies of a free joint in our models: three that slide, three that turn
 

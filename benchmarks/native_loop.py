@@ -14,8 +14,9 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loops import repeat
 import numpy as np
-from pinocchio_native import library, Pinocchio, Unavailable
+from pinocchio_native import builds, Pinocchio, Unavailable
 
+CPP = 'Pinocchio C++'
 STATES = 1024  # that fit the cache, so that the arithmetic is what is timed
 TOLERANCE = 1e-9  # relative to the largest entry: both must agree before they are timed
 # Quantities that both have, with the faster of Pinocchio's conventions.
@@ -71,6 +72,20 @@ def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int,
     rival = min(rivals, key=timing.median)
     return Race(robot.model.name, robot.n, what, peer, timing.median('ours') / calls,
                 timing.median(rival) / calls, timing.ratio(rival, 'ours'))
+
+
+def cpp_races(robot: Robot, what: str, timing: Timing, calls: int) -> list[Race]:
+    """
+    Return lines against Pinocchio's C++: the fastest, then that of each compiler.
+
+    Contenders are 'ours' and '<compiler>: <algorithm>', of which the fastest counts.
+    """
+    theirs = tuple(name for name in timing.seconds if name != 'ours')
+    lines = [race(robot, what, CPP, timing, calls, theirs)]
+    for compiler in dict.fromkeys(name.partition(': ')[0] for name in theirs):
+        rivals = tuple(name for name in theirs if name.startswith(f'{compiler}: '))
+        lines.append(race(robot, what, f'{CPP}, {compiler}', timing, calls, rivals))
+    return lines
 
 
 def shipped_arm(name: str) -> Model:
@@ -162,25 +177,25 @@ def kernel_loop(kernel: Kernel, rows: Mapping[str, np.ndarray]) -> Callable[[], 
 def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
     """Time every quantity that is one kernel of this robot."""
     states = random_states(robot, STATES)
-    peer = Pinocchio(robot)
+    peers = builds(robot)
     races = []
-    peer.keep(*states)
+    for peer in peers.values():
+        peer.keep(*states)
     for what in quantities:
         if what not in robot.kernels.names:
             continue
-        check(robot, peer, what, states)
-        rivals = {name: partial(peer.run, name) for name in RIVALS[what]}
-        timing = interleaved(
-            {'ours': our_loop(robot, what, states)}
-            | {f'pinocchio {name}': call for name, call in rivals.items()})
-        races.append(race(robot, f'native loop: {what}', 'Pinocchio C++', timing, STATES,
-                          tuple(f'pinocchio {name}' for name in rivals)))
+        contenders = {'ours': our_loop(robot, what, states)}
+        for compiler, peer in peers.items():
+            check(robot, peer, what, states)
+            for name in RIVALS[what]:
+                contenders[f'{compiler}: {name}'] = partial(peer.run, name)
+        races += cpp_races(robot, f'native loop: {what}', interleaved(contenders),
+                           STATES)
     return races
 
 
 def races() -> list[Race]:
     """Return all races; Unavailable says why there are none."""
-    library()
     results = []
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')

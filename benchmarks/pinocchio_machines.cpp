@@ -75,7 +75,7 @@ extern "C" {
 // inertia about it (9), armature. contacts: for each closure that joins two points, for both the
 // joint (-1: the world) and the placement (12).
 void * make(int count, const double * joints, const double * gravity, int closures,
-            const double * contacts, double accuracy)
+            const double * contacts, double accuracy, double mu)
 {
   Model model;
   model.gravity.linear() = Eigen::Map<const Eigen::Vector3d>(gravity);
@@ -90,7 +90,7 @@ void * make(int count, const double * joints, const double * gravity, int closur
                   Eigen::Matrix3d(Eigen::Map<const Rotation>(b + 21))), SE3::Identity());
     if (model.joints[id].nv() == 1) model.armature[model.joints[id].idx_v()] = b[30];
   }
-  Engine * e = new Engine{model, Data(model), {}, {}, ProximalSettings(accuracy, accuracy, 50),
+  Engine * e = new Engine{model, Data(model), {}, {}, ProximalSettings(accuracy, mu, 50),
                           {}, {}, {}};
   for (int i = 0; i < closures; ++i) {
     const double * c = contacts + 26 * i;

@@ -2,9 +2,9 @@
 Pinocchio's C++ in this process: pinocchio_loop.cpp, compiled if needed, through ctypes.
 
 The library is built against the headers of the `pin` wheel and of cmeel-eigen, for this
-very processor, and kept in build/bench under a name that its source, compiler and
-versions determine. The module `pinocchio` must not be imported beside it: both carry
-Boost's and Eigen's symbols.
+very processor, by every compiler here (`compilers`): the faster build counts. It is kept
+in build/bench under a name that its source, compiler and versions determine. The module
+`pinocchio` must not be imported beside it: both carry Boost's and Eigen's symbols.
 """
 
 import ctypes
@@ -12,11 +12,11 @@ from functools import cache
 import hashlib
 from importlib import metadata
 from pathlib import Path
-import platform
-import shutil
 import subprocess
 import sysconfig
 import weakref
+
+from compilers import Compiler, compilers, target
 
 from kane_dynamics import Model, Robot
 from kane_dynamics.model.model import WORLD
@@ -26,6 +26,8 @@ SOURCE = Path(__file__).with_name('pinocchio_loop.cpp')
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
 PACKAGES = ('pin', 'libpinocchio', 'cmeel-boost', 'cmeel-eigen')
 FLAGS = ['-O3', '-march=native', '-std=c++17', '-fPIC', '-shared', '-DNDEBUG', '-w',
+         # two builds in one process each call their own functions
+         '-g0', '-Wl,-Bsymbolic',
          # Pinocchio's variant of joint types is longer than Boost's lists are made for
          '-DBOOST_MPL_LIMIT_LIST_SIZE=30', '-DBOOST_MPL_LIMIT_VECTOR_SIZE=30',
          '-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS', '-DBOOST_FUSION_INVOKE_MAX_ARITY=12']
@@ -46,30 +48,25 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             raise Unavailable(f"the package '{package}' is not installed "
                               "(pip install 'kane_dynamics[bench]')") from None
-    if shutil.which('g++') is None:
-        raise Unavailable('there is no g++')
-    version_by_name['g++'] = subprocess.run(
-        ['g++', '-dumpfullversion'], capture_output=True, text=True,
-        check=True).stdout.strip()
+    if not compilers():
+        raise Unavailable('there is neither g++ nor the package ziglang')
     return version_by_name
 
 
-def built(source: Path) -> Path:
+def built(source: Path, compiler: Compiler) -> Path:
     """Return the library of a source; compile it first if needed (minutes)."""
-    target = subprocess.run(['g++', '-march=native', '-Q',
-                             '--help=target'], capture_output=True,
-                            check=True).stdout if shutil.which('g++') else b''
-    text = repr((source.read_bytes(), FLAGS, versions(), platform.machine(), target))
+    text = repr((source.read_bytes(), FLAGS, versions(), compiler.name,
+                 target(compiler)))
     path = FOLDER / f'{source.stem}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
     if not path.exists():
-        _compile(source, path)
+        _compile(source, compiler, path)
     return path
 
 
 @cache
-def library() -> ctypes.CDLL:
+def library(compiler: Compiler) -> ctypes.CDLL:
     """Return the loop; compile it first if needed (minutes)."""
-    loop = ctypes.CDLL(str(built(SOURCE)))
+    loop = ctypes.CDLL(str(built(SOURCE, compiler)))
     loop.make.restype = ctypes.c_void_p
     loop.make.argtypes = [ctypes.c_int, DOUBLES, DOUBLES]
     loop.destroy.argtypes = [ctypes.c_void_p]
@@ -83,23 +80,25 @@ def library() -> ctypes.CDLL:
     return loop
 
 
-def _compile(source: Path, path: Path) -> None:
+def _compile(source: Path, compiler: Compiler, path: Path) -> None:
     """Build the library; a failure leaves no file."""
-    print(f'compiling {source.name} against Pinocchio (minutes, once)', flush=True)
+    print(f'compiling {source.name} against Pinocchio by {compiler.name} (minutes, '
+          'once)', flush=True)
     prefix = Path(sysconfig.get_path('purelib')) / 'cmeel.prefix'
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix('.new')
     try:
         done = subprocess.run(
-            ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3',
+            [*compiler.cpp, *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3',
              str(source), '-o', str(new), f'-L{prefix}/lib', '-lboost_serialization',
              f'-Wl,-rpath,{prefix}/lib'],
             capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
     except subprocess.TimeoutExpired:
         raise Unavailable(
-            f'g++ took more than {MOST_SECONDS} s for {source.name}') from None
+            f'{compiler.name} took more than {MOST_SECONDS} s for '
+            f'{source.name}') from None
     if done.returncode:
-        raise Unavailable(f'g++ failed: {done.stderr[-2000:]}')
+        raise Unavailable(f'{compiler.name} failed: {done.stderr[-2000:]}')
     new.replace(path)
 
 
@@ -110,9 +109,9 @@ def _address(array: np.ndarray) -> int:
 class Pinocchio:
     """Pinocchio's model of a robot of ours, joint by joint, without friction."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, compiler: Compiler) -> None:
         """Pass the bodies depth first: Pinocchio needs contiguous subtrees."""
-        self.loop = library()
+        self.loop = library(compiler)
         model = robot.model
         self.n, self.order = robot.n, depth_first(model)
         self.columns = [model.bodies[i].joint.coordinate for i in self.order]
@@ -174,6 +173,12 @@ class Pinocchio:
     def simulate(self, steps: int, h: float, tau: np.ndarray, state: np.ndarray) -> None:
         """Take Runge-Kutta steps; torque and overwritten state in Pinocchio's order."""
         self.loop.simulate(self.handle, steps, h, _address(tau), _address(state))
+
+
+def builds(robot: Robot) -> dict[str, Pinocchio]:
+    """Return Pinocchio's model of a robot by each compiler; Unavailable without one."""
+    versions()
+    return {compiler.name: Pinocchio(robot, compiler) for compiler in compilers()}
 
 
 def depth_first(model: Model) -> list[int]:

@@ -4,19 +4,20 @@ Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo.
 `simulate` without the check of its energy balance is raced too: the share of the check.
 """
 
+from functools import partial
 import sys
 from unittest.mock import patch
 import warnings
 
-from interleaved_timing import interleaved
+from interleaved_timing import interleaved, Timing
 from kane_dynamics import Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.model import Model
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 import mujoco
-from native_loop import ARMS, Race, race
+from native_loop import ARMS, cpp_races, Race, race
 import numpy as np
-from pinocchio_native import Pinocchio, Unavailable
+from pinocchio_native import builds, Pinocchio, Unavailable
 
 STEP = 1e-3
 STEPS = 10_000
@@ -73,18 +74,21 @@ def simulation_races(name: str, model: Model) -> list[Race]:
             return ours(steps)
 
     contenders = {'ours': ours, 'MuJoCo': of_mujoco, UNCHECKED: unchecked}
+    def of_pinocchio(peer: Pinocchio, steps: int = STEPS) -> np.ndarray:
+        state = np.concatenate([q0, u0])
+        peer.simulate(steps, STEP, tau, state)
+        return state
+    theirs = []
     try:
-        peer = Pinocchio(robot)
+        peers = builds(robot)
     except Unavailable as error:
         print(f'simulation in Pinocchio C++ left out: {error}')
-    else:
-        def of_pinocchio(steps: int = STEPS) -> np.ndarray:
-            state = np.concatenate([q0, u0])
-            peer.simulate(steps, STEP, tau, state)
-            return state
+        peers = {}
+    for compiler, peer in peers.items():
         if peer.columns != list(range(n)):
             raise AssertionError(f'{name}: the joints have another order in Pinocchio')
-        contenders['Pinocchio C++'] = of_pinocchio
+        theirs.append(f'{compiler}: RK4')
+        contenders[theirs[-1]] = partial(of_pinocchio, peer)
     expected = ours(CHECKED_STEPS)
     for contender, call in contenders.items():
         error = np.abs(call(CHECKED_STEPS) - expected).max()
@@ -92,8 +96,13 @@ def simulation_races(name: str, model: Model) -> list[Race]:
             raise AssertionError(
                 f'{name}: after {CHECKED_STEPS} steps {contender} is {error:.2g} off')
     timing = interleaved(contenders)
-    return [race(robot, 'RK4 simulation, a step', contender, timing, STEPS, (contender,))
-            for contender in contenders if contender != 'ours']
+    what = 'RK4 simulation, a step'
+    lines = [race(robot, what, contender, timing, STEPS, (contender,))
+             for contender in ('MuJoCo', UNCHECKED)]
+    if theirs:
+        seconds = {name: timing.seconds[name] for name in ('ours', *theirs)}
+        lines += cpp_races(robot, what, Timing(seconds), STEPS)
+    return lines
 
 
 def races() -> list[Race]:

@@ -24,6 +24,7 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.python_call.entry import Part
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
@@ -266,15 +267,31 @@ class KernelSet:
         """Return the kernel of one of `names`; InputError for another name."""
         return self.kernel(name)
 
-    def at_frame(self, name: str, frame: str) -> Kernel:
-        """Return the kernel of a frame quantity; InputError for an unknown frame."""
+    def at_frame(self, name: str, frame: str | tuple[str, ...]) -> Kernel:
+        """Return the kernel of a quantity of frames; InputError for an unknown one."""
         return self.kernel(name, frame)
+
+    def parts(self, name: str) -> tuple[Part, ...] | None:
+        """Return the arrays into which a method divides the result of its kernel."""
+        if name not in ANALYTIC:
+            return None
+        n = self.equations.n
+        shape = self.kernel(name).shape
+        if len(shape) == 3:
+            return tuple(Part((n, n), k * n * n, 1, n * n, 0) for k in range(3))
+        # Columns of one matrix.
+        start = 0
+        parts = []
+        for columns in (self.equations.n_q, n, n):
+            parts.append(Part((n, columns), start, n, columns, shape[1]))
+            start += columns
+        return tuple(parts)
 
     def reaction(self, joint: str) -> Kernel:
         """Return the kernel of a joint reaction; InputError for an unknown joint."""
         return self.kernel('joint_reaction', joint)
 
-    def kernel(self, name: str, at: str = '',
+    def kernel(self, name: str, at: str | tuple[str, ...] = '',
                derivative: Derivative | None = None) -> Kernel:
         """
         Return the kernel of a quantity or of a derivative of it.
@@ -282,8 +299,8 @@ class KernelSet:
         Parameters
         ----------
         name, at : str
-            One of `names` and '', or one of `FRAME_QUANTITIES` and a frame, or
-            'joint_reaction' and a joint.
+            One of `names` and '', or one of `FRAME_QUANTITIES` and a frame or several,
+            or 'joint_reaction' and a joint.
         derivative : Derivative, optional
             The derivative; by default the quantity itself.
 
@@ -303,21 +320,21 @@ class KernelSet:
             self._same[place] = lambda regular: regular.kernel(name, at, derivative)
             traced = partial(self.program, name, at, derivative)
             traced_single = partial(self.program, name, at, derivative, single=True)
-            key = self.key and self.key + at
+            key = self.key and self.key + (at if isinstance(at, str) else repr(at))
             kernel = Kernel(label, traced, key, arguments, self._parameters, shape,
                             partial(self._another, place), traced_single, self._in_order,
                             derivative is None and self.by_states(name))
             self._made[place] = kernel
         return kernel
 
-    def signature(self, name: str, at: str = '',
+    def signature(self, name: str, at: str | tuple[str, ...] = '',
                   derivative: Derivative | None = None) -> tuple[list[Argument], Shape]:
         """Return the arguments of a kernel and the shape of its result; see `kernel`."""
         quantity = self._quantity(name)
         self._method(name, at)  # raises InputError now, not where the kernel is traced
         arguments = self._arguments(quantity)
         # With the sizes of this robot in place of their names.
-        lengths: list[int] = []
+        lengths: list[int] = [] if isinstance(at, str) else [len(at)]
         for entry in quantity.shape:
             if isinstance(entry, str):
                 entry = getattr(self._sizes, entry)
@@ -459,10 +476,14 @@ class KernelSet:
                              f'{", ".join(self.names)}')
         return quantity if has_recursion else replace(quantity, shape=('n', 'slopes'))
 
-    def _method(self, name: str, at: str = '',
+    def _method(self, name: str, at: str | tuple[str, ...] = '',
                 equations: Equations | None = None) -> Callable[..., Any]:
         """Return the method of a quantity; InputError for an unknown part."""
         equations = equations or self.equations
+        if not isinstance(at, str):
+            methods = [self._method(name, part, equations) for part in at]
+            return lambda *values, **time: np.stack(
+                [np.asarray(method(*values, **time)) for method in methods])
         if name in FRAME_QUANTITIES:
             return partial(getattr(equations, name), equations.model.frame(at))
         if name == 'joint_reaction':
@@ -550,7 +571,7 @@ class KernelSet:
             arguments.append(Argument('wrench', no_wrench.shape, default=no_wrench))
         return [*arguments, *self._time]
 
-    def program(self, name: str, at: str = '', derivative: Derivative | None = None,
+    def program(self, name: str, at: str | tuple[str, ...] = '', derivative: Derivative | None = None,
                 single: bool = False) -> Program:
         """
         Trace a quantity or a derivative of it; arguments as `kernel`.
@@ -590,7 +611,7 @@ class KernelSet:
             return best
         return by_blocks
 
-    def _traced(self, method: Callable[..., Any], name: str, at: str,
+    def _traced(self, method: Callable[..., Any], name: str, at: str | tuple[str, ...],
                 derivative: Derivative | None = None) -> Program:
         """Return the program of a function of the equations; see `program`."""
         equations = self.equations

@@ -180,7 +180,7 @@ class Robot(FrameworkMethods, Configurations):
         self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
         self.equations = self.kernels.equations
         self._others: dict[tuple[str, ...], Self] = {}  # with other wrench frames
-        self._entries = {}  # from here on, attributes cannot be assigned
+        self._entries: dict[Any, Any] = {}  # from here on, attributes cannot be assigned
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise AttributeError for all attributes but `limits`."""

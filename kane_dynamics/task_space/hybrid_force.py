@@ -26,7 +26,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
-from kane_dynamics.native.python_call.entry_ir import FIXED, KEYWORD, NUMBER
+from kane_dynamics.native.python_call.entry import FIXED, KEYWORD, NUMBER
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS

@@ -17,8 +17,7 @@ from kane_dynamics.control.torque_limiter import lowered_efforts
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded
-from kane_dynamics.native.python_call.entry import CallForm
-from kane_dynamics.native.python_call.entry_ir import FIXED, OPTIONAL, REQUIRED
+from kane_dynamics.native.python_call.entry import CallForm, FIXED, OPTIONAL, REQUIRED
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Shape
@@ -137,7 +136,7 @@ class PoseLaw(RunTimeSettings):
     """
 
     # Names and kinds of what the kernel gets before the settings, as of `CallForm`.
-    _arguments: tuple[tuple[str, str], ...] = (
+    _arguments: tuple[tuple[str, int], ...] = (
         ('q', REQUIRED), ('u', REQUIRED), ('pose', REQUIRED), ('twist', OPTIONAL),
         ('acceleration', OPTIONAL), ('wrench', OPTIONAL))
 

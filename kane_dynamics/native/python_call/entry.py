@@ -1,13 +1,13 @@
 """
 Native entry points of kernels: built-in functions and methods, with a Python fallback.
 
-A function created here is a CPython built-in, whose machine code all kernels of one
-signature share (`Signature.entry_points`). It accepts contiguous, finite float64
-ndarrays of the declared shapes, which a control loop passes. For any other argument it
-calls the Python fallback, which converts it or raises an error. The machine code reads
-ndarray fields at their public offsets (numpy's ABI) and the object header of CPython
-builds with a GIL. A self-test verifies this on the running interpreter; if it fails, the
-fallback serves every call.
+A function created here is a CPython built-in of `entry.c`, whose table says what its
+kernel takes and returns. It accepts contiguous, finite float64 ndarrays of the declared
+shapes, which a control loop passes, lists of numbers, and small batches. For any other
+argument it calls the Python fallback, which converts it or raises an error. The machine
+code reads ndarray fields at their public offsets (numpy's ABI) and the object header of
+CPython builds with a GIL. A self-test verifies this on the running interpreter; if it
+fails, the fallback serves every call.
 
 Lifetime
     A function's `self` is its table, which holds its code and the kernel's, the arrays,
@@ -23,9 +23,10 @@ Reference counts
     to it. Only arrays are counted, which are never immortal. A reference that the
     interpreter borrows (Python 3.14) is of a variable that holds one.
 GIL
-    A single call holds the GIL throughout, so nothing changes beside it. Batches release
-    it (`runtime.loops`); their callers hold kernel and arrays until all threads have
-    ended.
+    A single call holds the GIL throughout, so nothing changes beside it, and so does a
+    batch that one thread computes in the time for which others would not be started.
+    Larger batches release it (`runtime.loops`); their callers hold kernel and arrays
+    until all threads have ended.
 Exceptions
     The machine code raises nothing itself. It returns what the fallback returns or
     raises. An object without tables (made by ``object.__new__``) is refused with
@@ -42,25 +43,28 @@ Not supported
 
 from collections.abc import Callable, Mapping, Sequence
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 import math
+from pathlib import Path
 import sys
 import sysconfig
 from typing import Any
-from weakref import WeakValueDictionary
 
-from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.python_call.entry_ir import (ALL_FINITE, bound_code, DATA,
-                                                       DTYPE, entry_code, FLAGS, FRESH,
-                                                       ITEMS, LENGTH, method_code, NDIM,
-                                                       placeholder_code, SHAPE, TABLE,
-                                                       TYPE, WEAKREFS)
+from kane_dynamics.native.machine_code.c_source import CSource
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 
+SOURCE = CSource(Path(__file__).with_suffix('.c'))
+_CONSTANTS = SOURCE.constants
+# Kinds of arguments
+REQUIRED, OPTIONAL, KEYWORD, NUMBER, FIXED = map(_CONSTANTS.__getitem__, (
+    'REQUIRED', 'OPTIONAL', 'KEYWORD', 'NUMBER', 'FIXED'))
+READABLE, WRITEABLE, FRESH = map(_CONSTANTS.__getitem__, ('READABLE', 'WRITEABLE', 'FRESH'))
+_Array, _Interpreter, _Argument, _Part, Lanes, _Table = map(SOURCE.structures.__getitem__, (
+    'array', 'interpreter', 'argument', 'part', 'lanes', 'table'))
 # Calls of METH_NOARGS are slower: CPython does not specialize them.
 METH_FASTCALL = 0x0080
 METH_KEYWORDS = 0x0002
@@ -72,9 +76,6 @@ class MethodDef(ctypes.Structure):
 
     _fields_ = [('ml_name', ctypes.c_char_p), ('ml_meth', ctypes.c_void_p),
                 ('ml_flags', ctypes.c_int), ('ml_doc', ctypes.c_char_p)]
-
-
-DEFINITION = ctypes.sizeof(MethodDef) // 8  # words of a definition
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class CallForm:
     ----------
     names : tuple of str
         Of the arguments, in the order of the kernel.
-    kinds : tuple of str
+    kinds : tuple of int
         `REQUIRED`: by position. `OPTIONAL`: by position or keyword. `KEYWORD`: by
         keyword. `NUMBER`: by keyword, a float of at least 0. `FIXED`: no part of a call.
         In this order, but for fixed ones.
@@ -105,26 +106,29 @@ class CallForm:
     """
 
     names: tuple[str, ...]
-    kinds: tuple[str, ...]
+    kinds: tuple[int, ...]
     stand_ins: tuple[Any, ...]
 
     def __post_init__(self) -> None:
         """Intern the names, as those of calls are: one name has one address."""
         object.__setattr__(self, 'names', tuple(map(sys.intern, self.names)))
 
-    @property
-    def words(self) -> tuple[int, ...]:
-        """Return the addresses of the stand-ins, 0 for None, and of the names."""
-        addresses = []
-        for thing in self.stand_ins:
-            addresses.append(0 if thing is None else id(thing))
-        return (*addresses, *map(id, self.names))
+
+@dataclass(frozen=True)
+class Part:
+    """An array of a result: `rows` runs of `width` numbers, `stride` numbers apart."""
+
+    shape: Shape
+    start: int
+    rows: int
+    width: int
+    stride: int
 
 
 @dataclass(frozen=True)
 class Signature:
     """
-    Arguments and result of a kernel: all that its entry points depend on.
+    Arguments and result of a kernel: all that its entry points check.
 
     Attributes
     ----------
@@ -134,12 +138,13 @@ class Signature:
         Numbers of entries of the default arguments; one block of parameters follows.
     limits : tuple of float
         Largest absolute value allowed in each argument.
-    shape : tuple of int
-        Of the result of a call.
+    size : int
+        Number of entries of the kernel's result.
+    parts : tuple of Part
+        The arrays that a call returns; without any, it returns a float.
     memory : int, optional
-        Number of the argument to which the rest of the kernel's result is written.
-    kinds : tuple of str
-        Of the arguments of a `CallForm`; empty: all by position.
+        Number of the argument to which the rest of the kernel's result is written; the
+        result is then one row, and so is this argument.
     unread : int
         Number of further arguments with which calls by position may end, and which
         nothing reads.
@@ -149,49 +154,37 @@ class Signature:
     shapes: tuple[Shape, ...]
     default_sizes: tuple[int, ...]
     limits: tuple[float, ...]
-    shape: Shape
+    size: int
+    parts: tuple[Part, ...]
     memory: int | None = None
-    kinds: tuple[str, ...] = ()
     unread: int = 0
 
     @property
     def is_supported(self) -> bool:
         """Return whether there are arguments and none has a length of 0."""
-        if not self.shapes or 0 in self.default_sizes:
-            return False
-        return not any(0 in lengths for lengths in (*self.shapes, self.shape))
+        sizes = [*self.default_sizes, self.size]
+        for shape in self.shapes:
+            sizes.append(math.prod(shape))
+        count = len(sizes) + 1  # and the parameters
+        axes = [len(shape) for shape in self.shapes]
+        return bool(self.shapes) and 0 not in sizes and (
+            count <= _CONSTANTS['POINTERS'] and max(axes) < _CONSTANTS['MOST_AXES'])
 
-    @lazy_property
-    def entry_points(self) -> llvm.Code:
-        """Machine code of `entry` and `bound`; of a memory, of `entry` alone."""
-        # The code depends on what the key states alone: robots with the same share it.
-        key = (self.shapes, self.default_sizes, self.limits, self.shape, self.memory,
-               self.kinds, self.unread)
-        shared = _entry_points.get(key)
-        if shared is not None:
-            return shared
-        # The text for these shapes; methods of workspaces have no kinds or memory.
-        sizes = [math.prod(lengths) for lengths in self.shapes]
-        text = entry_code(self.shapes, self.limits, len(self.default_sizes) + 1,
-                          self.shape, self.memory, self.kinds, self.unread)
-        if self.memory is None and not self.kinds:
-            text += '\n' + bound_code([*sizes, *self.default_sizes], self.limits, 1,
-                                      self.shape)
-        if '@all_finite' in text:
-            text = f'{ALL_FINITE}\n{text}'
-        code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'entry', text))
-        _entry_points[key] = code
-        return code
+    def with_memory(self, memory: int) -> 'Signature':
+        """Return the signature of calls that update an argument."""
+        size, = self.shapes[memory]
+        return replace(self, parts=(whole((self.size - size,)),), memory=memory)
 
 
-# The kernels keep them; they are unloaded with the last kernel of a signature. The keys
-# are the values of signatures: a signature would keep its own code.
-_entry_points: WeakValueDictionary[tuple[Any, ...], llvm.Code] = WeakValueDictionary()
+def whole(shape: Shape) -> Part:
+    """Return the part that begins a result, of one shape."""
+    size = math.prod(shape)
+    return Part(shape, 0, 1, size, size)
 
 
 class EntryTable(np.ndarray):
     """
-    Table of 64-bit words that a native function reads.
+    Table that a native function reads: a `table` of `entry.c`, and a PyMethodDef.
 
     `owned` and `fallback` keep the objects to which the words refer.
     The function's PyMethodDef is stored at the end of the table. CPython reads it when
@@ -228,7 +221,7 @@ def _itself(owner: Any) -> Any:
 
 @cache
 def interpreter_words() -> dict[str, int]:
-    """Return the table words that are equal for all functions."""
+    """Return the addresses of types and functions that are equal for all functions."""
     # Functions of NumPy's C interface are at fixed places of a table in a capsule.
     try:
         core = import_module('numpy._core.multiarray')
@@ -239,70 +232,139 @@ def interpreter_words() -> dict[str, int]:
     pointer.restype = ctypes.c_void_p
     pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
     numpy_api = ctypes.cast(pointer(capsule, None), ctypes.POINTER(ctypes.c_void_p))
-    return {'NDARRAY': id(np.ndarray), 'FLOAT64': id(np.dtype(np.float64)),
-            'NEW_ARRAY': int(numpy_api[PY_ARRAY_NEW] or 0),
-            'VECTORCALL': _symbol('PyObject_Vectorcall'),
-            'NEW_FLOAT': _symbol('PyFloat_FromDouble'), 'RELEASE': _symbol('Py_DecRef'),
-            'FLOAT': id(float), 'NONE': id(None)}
+    return {'ndarray': id(np.ndarray), 'float64': id(np.dtype(np.float64)),
+            'real_type': id(float), 'whole_type': id(int), 'number_type': id(np.float64),
+            'list_type': id(list), 'tuple_type': id(tuple), 'text_type': id(str),
+            'none': id(None), 'new_array': int(numpy_api[PY_ARRAY_NEW] or 0),
+            'new_tuple': _symbol('PyTuple_New'), 'new_number': _symbol('PyFloat_FromDouble'),
+            'number_of': _symbol('PyLong_AsDouble'), 'error': _symbol('PyErr_Occurred'),
+            'clear_error': _symbol('PyErr_Clear'), 'release': _symbol('Py_DecRef'),
+            'item': _symbol('PyDict_GetItemWithError'),
+            'call': _symbol('PyObject_Vectorcall')}
 
 
 def _symbol(name: str) -> int:
     return int(ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0)
 
 
-def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm.Code,
-              blocks: Sequence[np.ndarray] = (),
-              owned: tuple[Any, ...] = (), form: CallForm | None = None) -> EntryTable:
-    """Return a table of these words and addresses of the fallback and the blocks."""
-    # Words of the table in the order of the code, then the addresses of the blocks.
-    words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
-    numbers = []
-    for word in TABLE:
-        numbers.append(words.get(word, 0))
-    for block in blocks:
-        numbers.append(block.ctypes.data)
-    if form is not None:
-        numbers += form.words
-        owned = (form, *owned)
-    numbers += [0] * DEFINITION  # space for the PyMethodDef
-    table = np.array(numbers, dtype=np.uint64).view(EntryTable)
-    table.owned = (tuple(blocks), code, *owned)
+@cache
+def _interpreter() -> Any:
+    return _Interpreter(**interpreter_words())
+
+
+def new_table(fallback: Callable[..., Any], words: Mapping[str, int] | None = None,
+              owned: tuple[Any, ...] = ()) -> EntryTable:
+    """Return a table of these fields, which keeps the objects to which they refer."""
+    size = ctypes.sizeof(_Table) + ctypes.sizeof(MethodDef)
+    table = np.zeros(size, dtype=np.uint8).view(EntryTable)
+    interpreter = _interpreter()
+    fields = _Table.from_buffer(table)
+    fields.python = ctypes.addressof(interpreter)
+    fields.fallback = id(fallback)
+    fields.memory = -1
+    for name, value in (words or {}).items():
+        setattr(fields, name, value)
+    table.owned = (SOURCE.code, interpreter, *owned)
     table.fallback = fallback
     table.setflags(write=False)
     return table
 
 
-def built_in(name: str, doc: str, address: llvm.Address, flags: int,
-             table: EntryTable) -> Callable[..., Any]:
-    """Create a built-in function from machine code and its table."""
-    at = table.ctypes.data + 8 * (len(table) - DEFINITION)
+def built_in(name: str, doc: str, function: str, table: EntryTable) -> Callable[..., Any]:
+    """Create a built-in function of `entry.c` from its table."""
+    at = table.ctypes.data + ctypes.sizeof(_Table)
     definition = MethodDef.from_address(at)
     definition.__init__(  # type: ignore[misc]
-        name.encode(), address, flags, doc.encode())
+        name.encode(), SOURCE.code.address(function), METH_FASTCALL | METH_KEYWORDS,
+        doc.encode())
     table.owned = (definition, *table.owned)  # keeps the name and doc alive
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype = ctypes.py_object
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    function: Callable[..., Any] = make(at, table, None)
-    return function
+    built: Callable[..., Any] = make(at, table, None)
+    return built
 
 
-def bound_table(kernel: KernelFunction, signature: Signature,
-                blocks: Sequence[np.ndarray], fallback: Callable[..., Any]) -> EntryTable:
-    """Return the table of a method of an object that keeps it alive; see `bound`."""
-    if any(block.size == 0 for block in blocks):
-        code = assembled('stand-ins', placeholder_code())
-        return new_table({'CODE': code.address('refer')}, fallback, code)
-    code = signature.entry_points
-    words = {'KERNEL': kernel.address, 'CODE': code.address('bound'),
-             'RESULT': id(blocks[-1])}
-    return new_table(words, fallback, code, blocks, (kernel.code,))
+def _words(*numbers: int) -> np.ndarray:
+    return np.array(numbers, dtype=np.int64)
+
+
+def _address_of(things: Any) -> int:
+    return ctypes.addressof(things)
+
+
+def kernel_table(kernel: KernelFunction, signature: Signature,
+                 blocks: Sequence[np.ndarray], fallback: Callable[..., Any],
+                 form: CallForm | None = None, bound: bool = False,
+                 lanes: Any = None) -> EntryTable:
+    """
+    Return the table of a kernel.
+
+    `blocks` are the defaults and the parameters, for a bound function all arguments, the
+    parameters and the result. `form` is that of calls with keywords, `lanes` the
+    `Lanes` of batches.
+    """
+    kept: list[Any] = [kernel.code, *blocks, form, lanes]
+    # All arguments of a bound function are checked as blocks; else those of a call.
+    shapes = list(signature.shapes)
+    if bound:
+        for size in signature.default_sizes:
+            shapes.append((size,))
+    arguments = (_Argument * len(shapes))()
+    for k, shape in enumerate(shapes):
+        lengths = _words(*shape)
+        kept.append(lengths)
+        limit = min(signature.limits[k], sys.float_info.max)
+        flags = READABLE | (WRITEABLE if k == signature.memory else 0)
+        arguments[k] = _Argument(REQUIRED, len(shape), math.prod(shape),
+                                 lengths.ctypes.data, limit, flags, 0, 0)
+        if form is not None:
+            arguments[k].kind = form.kinds[k]
+            arguments[k].name = id(form.names[k])
+            stand_in = form.stand_ins[k]
+            arguments[k].stand_in = 0 if stand_in is None else id(stand_in)
+
+    # The pointers of `entry` begin with those of the arguments of a call.
+    addresses = [] if bound else [0] * len(shapes)
+    for block in blocks:
+        addresses.append(block.ctypes.data)
+    slots = len(addresses) if bound else len(addresses) + 1
+    pointers = _words(*addresses)
+
+    parts = (_Part * max(1, len(signature.parts)))()
+    ring = np.array([None] * (2 * len(signature.parts)))  # references to results
+    for k, part in enumerate(signature.parts):
+        lengths = _words(*part.shape)
+        kept.append(lengths)
+        parts[k] = _Part(len(part.shape), lengths.ctypes.data, part.start, part.rows,
+                         part.width, part.stride)
+        if not bound:
+            ring[2 * k] = np.empty(part.shape)
+            ring[2 * k + 1] = np.empty(part.shape)
+    words = {'code': SOURCE.code.address('bound' if bound else 'entry'),
+             'kernel': kernel.address, 'count': len(shapes),
+             'arguments': _address_of(arguments), 'by_name': int(form is not None),
+             'unread': signature.unread, 'slots': slots, 'pointers': pointers.ctypes.data,
+             'parts': len(signature.parts), 'part': _address_of(parts),
+             'size': signature.size, 'ring': ring.ctypes.data}
+    kept += [arguments, pointers, parts, ring]
+    if bound:
+        words['result'] = id(blocks[-1])
+    if signature.memory is not None:
+        words['memory'] = signature.memory
+    if signature.memory is not None or len(signature.parts) > 1:
+        scratch = np.empty(signature.size)
+        kept.append(scratch)
+        words['scratch'] = scratch.ctypes.data
+    if lanes is not None:
+        words['batches'] = _address_of(lanes)
+    return new_table(fallback, words, tuple(kept))
+
 
 
 def unmade_table(make: Callable[[Any], Any]) -> EntryTable:
     """Return a table whose first call asks `make` for the table of an object."""
-    code = assembled('stand-ins', placeholder_code())
-    return new_table({'CODE': code.address('unmade')}, make, code)
+    return new_table(make, {'code': SOURCE.code.address('unmade')})
 
 
 @cache
@@ -315,35 +377,6 @@ def refuse_uninitialized(owner: Any) -> None:
     """Raise TypeError: the object was not initialized."""
     raise TypeError(f'{type(owner).__name__}: not initialized; expected an object made '
                     'by its class, such as robot.bind()')
-
-
-@cache
-def assembled(name: str, text: str) -> llvm.Code:
-    """Return the machine code of LLVM IR."""
-    return llvm.Code(llvm.cached(lambda: llvm.assemble(text), name, text))
-
-
-def _entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
-           defaults: Sequence[np.ndarray], fallback: Callable[..., Any],
-           form: CallForm | None = None) -> Callable[..., Any]:
-    code = signature.entry_points
-    shape = signature.shape
-    lengths = np.array(shape, dtype=np.int64)
-    ring = np.array([None, None])  # holds references to the results
-    ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
-    words = {'KERNEL': kernel.address, 'RESULT_SHAPE': lengths.ctypes.data,
-             'RING': ring.ctypes.data}
-    table = new_table(words, fallback, code, defaults, (kernel.code, lengths, ring), form)
-    return built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
-                    table)
-
-
-def _bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
-           blocks: Sequence[np.ndarray],
-           fallback: Callable[..., Any]) -> Callable[..., Any]:
-    table = bound_table(kernel, signature, blocks, fallback)
-    return built_in(name, doc, signature.entry_points.address('bound'), METH_FASTCALL,
-                    table)
 
 
 class NativeMethods:
@@ -367,22 +400,25 @@ def supported() -> bool:
         return False
     # The head of an array must have every field where machine code reads it.
     probe = np.array([1.25, -2.5, 3.75])
-    head = (ctypes.c_uint64 * 10).from_address(id(probe))
-    count = ctypes.c_uint32.from_address(id(probe))
-    count_of_one = count.value
+    head = _Array.from_address(id(probe))
+    count_of_one = head.head.count
     another = probe
-    readable = (count.value == count_of_one + 1 and head[TYPE // 8] == id(np.ndarray)
-                and head[DATA // 8] == probe.ctypes.data
-                and head[NDIM // 8] & 0xFFFFFFFF == 1
-                and ctypes.c_int64.from_address(head[SHAPE // 8]).value == 3
-                and head[DTYPE // 8] == id(np.dtype(np.float64))
-                and head[FLAGS // 8] & FRESH == FRESH and head[WEAKREFS // 8] == 0)
-    # Floats and tuples, likewise.
+    readable = (head.head.count == count_of_one + 1 and head.head.type == id(np.ndarray)
+                and head.data == probe.ctypes.data and head.axes == 1
+                and ctypes.c_int64.from_address(head.lengths).value == 3
+                and head.kind == id(np.dtype(np.float64)) and head.bits & FRESH == FRESH
+                and not head.weak)
+    # Floats, tuples and lists, likewise.
     number, pair = 1.25, ('first', 'second')
-    items = (ctypes.c_uint64 * 2).from_address(id(pair) + ITEMS)
-    readable = (readable and ctypes.c_double.from_address(id(number) + DATA).value == 1.25
-                and ctypes.c_int64.from_address(id(pair) + LENGTH).value == 2
-                and list(items) == [id(word) for word in pair])
+    for thing in (number, np.float64(number)):
+        readable = (readable and ctypes.c_double.from_address(
+            id(thing) + object.__basicsize__).value == number)
+    items = list((ctypes.c_uint64 * 3).from_address(id(pair) + object.__basicsize__))
+    readable = readable and items == [2, *map(id, pair)]
+    items = [*pair]
+    length, place = (ctypes.c_uint64 * 2).from_address(id(items) + object.__basicsize__)
+    readable = (readable and length == 2 and list((ctypes.c_uint64 * 2).from_address(place))
+                == [*map(id, pair)])
     return readable and _self_test(another)
 
 
@@ -403,9 +439,9 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}'])
     # The test kernel doubles three numbers.
-    code = assembled('self-test', text)
+    code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'self-test', text))
     kernel = KernelFunction(code, code.address('twice'))
-    signature = Signature(((3,),), (), (math.inf,), (3,))
+    signature = Signature(((3,),), (), (math.inf,), 3, (whole((3,)),))
     parameters = np.zeros(1)
     twice = _entry('twice', '', kernel, signature, [parameters],
                    lambda *args, **keywords: (args, keywords))
@@ -420,7 +456,7 @@ def _self_test(probe: np.ndarray) -> bool:
     kind: Any = type('Probe', (NativeMethods,), {'__slots__': ()})
     owner = kind()
     # A method of an object makes its function at the first call.
-    table = bound_table(kernel, signature, blocks, lambda *args: args)
+    table = kernel_table(kernel, signature, blocks, lambda *args: args, bound=True)
 
     def make(owner: Any, name: str) -> EntryTable:
         owner._tables[1] = id(table)
@@ -437,12 +473,29 @@ def _self_test(probe: np.ndarray) -> bool:
             and twice(bad)[0][0] is bad
             and twice() == ((), {}) and twice(probe, out=1)[1] == {'out': 1}
             and twice(probe[::2])[0][0].shape == (2,) and twice(1.0) == ((1.0,), {})
+            and np.array_equal(twice(probe.tolist()), 2.0 * probe)
+            and np.array_equal(twice((1, 2.0, np.float64(3))), [2.0, 4.0, 6.0])
+            and twice([True, 1, 1])[0][0] == [True, 1, 1]
             and twice(np.full(3, 1e308))[0][0].shape == (3,) and bound(1) == (1,))
+
+
+def _entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+           defaults: Sequence[np.ndarray], fallback: Callable[..., Any],
+           form: CallForm | None = None, lanes: Any = None) -> Callable[..., Any]:
+    table = kernel_table(kernel, signature, defaults, fallback, form, lanes=lanes)
+    return built_in(name, doc, 'entry', table)
+
+
+def _bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
+           blocks: Sequence[np.ndarray],
+           fallback: Callable[..., Any]) -> Callable[..., Any]:
+    table = kernel_table(kernel, signature, blocks, fallback, bound=True)
+    return built_in(name, doc, 'bound', table)
 
 
 def entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
           defaults: Sequence[np.ndarray], fallback: Callable[..., Any],
-          form: CallForm | None = None) -> Callable[..., Any]:
+          form: CallForm | None = None, lanes: Any = None) -> Callable[..., Any]:
     """
     Return a built-in function that calls a kernel with minimal overhead.
 
@@ -459,12 +512,36 @@ def entry(name: str, doc: str, kernel: KernelFunction, signature: Signature,
     fallback : callable
         Called with the same arguments when they do not match exactly.
     form : CallForm, optional
-        Of calls with keywords and optional arguments; its kinds are the signature's.
+        Of calls with keywords and optional arguments.
+    lanes : Lanes, optional
+        The kernel's code of batches, null until it is compiled.
 
     """
     if not signature.is_supported or not supported():
         return fallback
-    return _entry(name, doc, kernel, signature, defaults, fallback, form)
+    return _entry(name, doc, kernel, signature, defaults, fallback, form, lanes)
+
+
+def chooser(name: str, doc: str, choices: dict[Any, Callable[..., Any]],
+            fallback: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Return a built-in function that calls the function of its first argument.
+
+    Parameters
+    ----------
+    name, doc : str
+        Name and docstring of the function.
+    choices : dict
+        Functions of the other arguments, by a name or a tuple of names; more may be
+        added later.
+    fallback : callable
+        Called with all arguments where the first one is no key.
+
+    """
+    if not supported():
+        return fallback
+    table = new_table(fallback, {'choices': id(choices)}, (choices,))
+    return built_in(name, doc, 'choose', table)
 
 
 def bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
@@ -492,6 +569,14 @@ def bound(name: str, doc: str, kernel: KernelFunction, signature: Signature,
     return _bound(name, doc, kernel, signature, blocks, fallback)
 
 
+def bound_table(kernel: KernelFunction, signature: Signature,
+                blocks: Sequence[np.ndarray], fallback: Callable[..., Any]) -> EntryTable:
+    """Return the table of a method of an object that keeps it alive; see `bound`."""
+    if any(block.size == 0 for block in blocks):
+        return new_table(fallback, {'code': SOURCE.code.address('refer')})
+    return kernel_table(kernel, signature, blocks, fallback, bound=True)
+
+
 def methods(cls: type[NativeMethods], docs: Mapping[str, str],
             make: Callable[[Any, str], EntryTable]) -> np.ndarray:
     """
@@ -514,7 +599,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     definitions = (MethodDef * len(docs))()
     # CPython keeps the addresses of the definitions, which must never be freed.
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
-    code = assembled('methods', method_code(len(docs)))
+    code = SOURCE.code
     refusing = code.function('refuse_by', ctypes.PYFUNCTYPE(None, ctypes.c_void_p))
     refusing(id(refusal_table()))
     new = ctypes.pythonapi.PyDescr_NewMethod
@@ -522,7 +607,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     new.argtypes = [ctypes.py_object, ctypes.c_void_p]
     unmade = []
     for place, (name, doc) in enumerate(docs.items()):
-        definitions[place] = MethodDef(name.encode(), code.address(f'method{place}'),
+        definitions[place] = MethodDef(name.encode(), code.address(f'method_{place:02o}'),
                                        METH_FASTCALL, doc.encode())
         setattr(cls, name, new(cls, ctypes.addressof(definitions[place])))
 

@@ -23,8 +23,9 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
-                                                    Signature)
-from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver, repeat,
+                                                    Lanes, Part, Signature, whole)
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver,
+                                                most_of_one_thread, PROBE_CALLS, repeat,
                                                 run_batch)
 from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
@@ -231,8 +232,10 @@ class Kernel:
             self._ranks.append(len(argument.shape))
             inputs.append((argument.name, argument.shape))
         self._ranks += [parameters.ndim, len(shape)]
+        parts = (whole(shape),) if shape else ()
         self._signature = Signature(tuple(shapes), tuple(default_sizes), tuple(limits),
-                                    shape, unread=unread)
+                                    math.prod(shape), parts, unread=unread)
+        self._lanes = Lanes()  # of entry points; copies with other parameters share them
         self._key: str | None = None
         if key:
             origin_of_single = origin(single) if single else ''
@@ -302,8 +305,7 @@ class Kernel:
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
         self.compile()
-        if self._signature.is_supported:
-            _ = self._signature.entry_points
+        entry.supported()
 
     def compile_lanes(self) -> llvm.Address:
         """Return the address of the code of batches, compiled if that was not done yet."""
@@ -313,8 +315,11 @@ class Kernel:
         if kind not in self._functions:
             batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.
-            self._function(kind, lambda: text(program(), SYMBOL, width()),
-                           in_lanes or self._in_order)
+            code = self._function(kind, lambda: text(program(), SYMBOL, width()),
+                                  in_lanes or self._in_order)
+            self._lanes.run = batch_driver(width()).address('run_batch')
+            self._lanes.most = PROBE_CALLS * width()
+            self._lanes.kernel = code.address
         return self._functions[kind].address
 
     @property
@@ -322,12 +327,21 @@ class Kernel:
         """Return the address of the code of single states, compiled at the first use."""
         return self.compile().address
 
-    def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a native entry point, or the fallback without support for it."""
+    def entry(self, doc: str, fallback: Callable[..., Any],
+              parts: Sequence[Part] | None = None) -> Callable[..., Any]:
+        """
+        Return a native entry point, or the fallback without support for it.
+
+        With parts, the arrays of the result that its calls return as a tuple.
+        """
         if 0 in self.shape:  # nothing to compute, and no code
             return fallback
-        return entry.entry(self.name, doc, self.compile(), self._signature,
-                           [*self.defaults, self.parameters], fallback)
+        signature = self._signature
+        if parts is not None:
+            signature = replace(signature, parts=tuple(parts))
+        return entry.entry(self.name, doc, self.compile(), signature,
+                           [*self.defaults, self.parameters], fallback,
+                           lanes=self._lanes)
 
     def entry_with_memory(self, doc: str, memory: str,
                           fallback: Callable[..., Array] | None = None
@@ -350,7 +364,7 @@ class Kernel:
 
         """
         place, signature = self._with_memory(memory)
-        returned, = signature.shape
+        returned = signature.parts[0].width
         call = fallback or self
 
         def divided(*values: Any) -> Array:
@@ -381,16 +395,13 @@ class Kernel:
         signature = self._signature
         if memory is not None:
             _, signature = self._with_memory(memory)
-        return entry.entry(self.name, doc, self.compile(),
-                           replace(signature, kinds=form.kinds),
+        return entry.entry(self.name, doc, self.compile(), signature,
                            [*self.defaults, self.parameters], fallback, form)
 
     def _with_memory(self, memory: str) -> tuple[int, Signature]:
         """Return the number of an argument, and the signature of calls that update it."""
         place = [argument.name for argument in self.arguments].index(memory)
-        size, = self.arguments[place].shape
-        shape = (self.shape[0] - size,)
-        return place, replace(self._signature, shape=shape, memory=place)
+        return place, self._signature.with_memory(place)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
                                                                                     Any]:
@@ -620,7 +631,9 @@ class Kernel:
         self._require_rows('result', result, count)
         rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
-        return run_batch(self.compile_lanes(), rows, count)
+        flags = run_batch(self.compile_lanes(), rows, count)
+        self._lanes.most = most_of_one_thread(self._lanes.kernel)
+        return flags
 
     def _require_rows(self, name: str, rows: NDArray[Any], count: int) -> None:
         """Raise InputError for arrays that are too short, and for rows that are not contiguous."""

@@ -25,7 +25,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.threads import run_in_threads
+from kane_dynamics.native.runtime.threads import run_in_threads, THREAD_WORK
 import numpy as np
 from numpy.typing import NDArray
 
@@ -549,6 +549,13 @@ def _driver_function(width: int) -> Callable[..., None]:
     prototype = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)
     function: Callable[..., None] = batch_driver(width).function('run_job', prototype)
     return function
+
+
+def most_of_one_thread(kernel: llvm.Address) -> int:
+    """Return the number of states that `run_batch` computes in one thread."""
+    width = llvm_simd.width()
+    pace = PACES.get((kernel, 1), 0.0)  # s for as many states as lanes
+    return width * (int(THREAD_WORK / pace) if pace else PROBE_CALLS)
 
 
 def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],

@@ -8,7 +8,7 @@
  *
  * Python reads the structures and the constants below from this text (message_loop.py).
  * The package has the LLVM text that clang makes of this file (message_loop.ll), which
- * `make message-loop` writes. A field has 8 bytes.
+ * `make llvm-texts` writes. A field has 8 bytes.
  *
  * Python writes the block before the thread starts; later it writes only `plan`, `stop`,
  * `simulated` and `tail`. Times are nanoseconds.

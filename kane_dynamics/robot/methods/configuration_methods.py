@@ -24,7 +24,7 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel, require_writable
 from kane_dynamics.native.tracing.program import Shape
-from kane_dynamics.robot.methods.dispatch import Dispatch, of_constraints
+from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
 from numpy.typing import ArrayLike
@@ -181,15 +181,15 @@ class Configurations(Dispatch):
         independent = tuple(name for name in names if name in self.speed_names)
         return independent or names
 
-    @of_constraints
+    @compiled
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                     out: Array | None = None) -> Array:
         """Return q', (n_q,), of the independent speeds."""
         if self.equations.in_joint_rates:
             return self._same('joint_rates', 'u', u, out)
-        return self._special('joint_rates', (q, u), t, out)
+        return self._call('joint_rates', (q, u), out, t)
 
-    @of_constraints
+    @compiled
     def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *,
                       t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
@@ -215,7 +215,7 @@ class Configurations(Dispatch):
             raise InputError('q: missing; expected the configuration, on which the '
                              'joint torques of a robot with chosen speeds or '
                              'constraints depend')
-        return self._special('joint_torques', (tau, q), t, out)
+        return self._call('joint_torques', (tau, q), out, t)
 
     def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
                           t: ArrayLike = 0.0) -> Array:
@@ -252,20 +252,20 @@ class Configurations(Dispatch):
         """
         return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)
 
-    @of_constraints
+    @compiled
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
         """Return the residuals of the rows, (m,), m or rad; 0 of velocity constraints."""
-        return self._special('constraint_residual', (q,), t, out)
+        return self._call('constraint_residual', (q,), out, t)
 
-    @of_constraints
+    @compiled
     def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *,
                                      t: ArrayLike = 0.0,
                                      out: Array | None = None) -> Array:
         """Return the velocity residual J q' - b of every row, (m,), m/s or rad/s."""
-        return self._special('constraint_velocity_residual', (q, u), t, out)
+        return self._call('constraint_velocity_residual', (q, u), out, t)
 
-    @of_constraints
+    @compiled
     def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                             t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """
@@ -276,7 +276,7 @@ class Configurations(Dispatch):
         """
         if self.equations.in_joint_rates:
             return self._same('joint_accelerations', 'udot', udot, out)
-        return self._special('joint_accelerations', (q, u, udot), t, out)
+        return self._call('joint_accelerations', (q, u, udot), out, t)
 
     def closed_configuration(self, q: ArrayLike, *, t: float = 0.0,
                              fixed: Sequence[str] = (),
@@ -356,13 +356,6 @@ class Configurations(Dispatch):
         require_writable(quantity, out, same.shape)
         out[...] = same
         return out
-
-    def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
-                 out: Array | None) -> Array:
-        entry = self._entry(name, '', lambda _: self.kernels.quantity(name))
-        at_time = self._at_time(arguments, t)
-        result: Array = entry(*at_time) if out is None else entry(*at_time, out=out)
-        return result
 
     @lazy_property
     def limits(self) -> JointLimits:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import partial, wraps
-from inspect import Parameter, signature
+from functools import partial
 from typing import Any, Self, TypeVar
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.model.drive import ElasticJoint
-from kane_dynamics.native.runtime.kernel import Argument, converted, Kernel
+from kane_dynamics.native.python_call.entry import chooser
+from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.kernel_set import KernelSet
@@ -37,12 +37,14 @@ class _Compiled:
     def __get__(self, robot: Dispatch | None, owner: type | None = None) -> Any:
         if robot is None:
             return self.checked
-        name, fallback = self.checked.__name__, self.checked.__get__(robot)
-        if name not in robot.kernels.names:  # of several kernels, or an error
-            return fallback
-        entry = robot.kernels.kernel(name).entry(self.checked.__doc__ or '', fallback)
-        robot.__dict__[name] = entry
-        return entry
+        name = self.checked.__name__
+        function: Any = self.checked.__get__(robot)
+        if name in robot.kernels.names:  # else it is of several kernels, or an error
+            kernel = robot.kernels.kernel(name)
+            parts = robot.kernels.parts(name)
+            function = kernel.entry(self.checked.__doc__ or '', function, parts)
+        robot.__dict__[name] = function
+        return function
 
 
 def compiled(method: Method) -> Method:
@@ -50,56 +52,41 @@ def compiled(method: Method) -> Method:
     return _Compiled(method)  # type: ignore[return-value]
 
 
+class _CompiledParts:
+    """A method that the first access replaces by one entry point for all its parts."""
+
+    def __init__(self, checked: Callable[..., Any], quantity: str) -> None:
+        self.checked = checked
+        self.quantity = quantity
+        self.__doc__ = checked.__doc__
+
+    def __get__(self, robot: Dispatch | None, owner: type | None = None) -> Any:
+        if robot is None:
+            return self.checked
+        entries: dict[Any, Callable[..., Any]] = {}
+
+        def first(*values: Any, **named: Any) -> Any:
+            result = self.checked(robot, *values, **named)
+            # Later calls use the entry point of the part's kernel.
+            if values and type(values[0]) in (str, tuple) and values[0] not in entries:
+                kernel = robot.kernels.kernel(self.quantity, values[0])
+                entries[values[0]] = kernel.entry('', partial(self.checked, robot,
+                                                              values[0]))
+            return result
+        name = self.checked.__name__
+        function = chooser(name, self.checked.__doc__ or '', entries, first)
+        robot.__dict__[name] = function
+        return function
+
+
 def of_frame(quantity: str) -> Callable[[Method], Method]:
     """
-    Return a decorator of a method whose first argument is a frame, or a joint.
+    Return a decorator of a method whose first argument is a frame, frames, or a joint.
 
     The method calls the entry point of its kernel, or else its body: for the first call,
-    and for other arguments than its positional ones and `out`.
+    and for other arguments than its positional ones.
     """
-    def decorate(method: Method) -> Method:
-        count = _positional(method)
-
-        @wraps(method)
-        def call(self: Any, *values: Any, **named: Any) -> Any:
-            # The fast path: positional arguments, and a kernel that an earlier call has
-            # made.
-            plain = not named or (len(named) == 1 and 'out' in named)
-            if plain and len(values) == count and type(values[0]) is str:
-                entry = self._entries.get((quantity, values[0]))
-                if entry is not None:
-                    return entry(*values[1:], **named)
-            return method(self, *values, **named)
-        return call  # type: ignore[return-value]
-    return decorate
-
-
-def of_constraints(method: Method) -> Method:
-    """
-    Decorate a method of chosen speeds and constraints to call the kernel of its name.
-
-    Its body serves the first call, as in `of_frame`, and robots in joint rates.
-    """
-    count = _positional(method)
-    key = method.__name__, ''
-
-    @wraps(method)
-    def call(self: Any, *values: Any, **named: Any) -> Any:
-        # The usual call: no keywords, all positional arguments, a kernel in use.
-        if not named and len(values) == count:
-            entry = self._entries.get(key)
-            if entry is not None:
-                return entry(*values)
-        return method(self, *values, **named)
-    return call  # type: ignore[return-value]
-
-
-def _positional(method: Callable[..., Any]) -> int:
-    """Return the number of positional arguments of a method, without its object."""
-    parameters = signature(method).parameters.values()
-    positional = [parameter for parameter in parameters
-                  if parameter.kind is Parameter.POSITIONAL_OR_KEYWORD]
-    return len(positional) - 1
+    return partial(_CompiledParts, quantity=quantity)  # type: ignore[return-value]
 
 
 def of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
@@ -115,7 +102,6 @@ class Dispatch:
 
     equations: Equations
     kernels: KernelSet
-    _entries: dict[tuple[str, str], Callable[..., Any]]
 
     def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None,
               t: Any = 0.0) -> Array:
@@ -187,25 +173,19 @@ class Dispatch:
         """Append the time, of all states or of each, if the equations depend on it."""
         return arguments + self.equations.time_inputs(t, arguments[0])
 
-    def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
+    def _at_frame(self, name: str, frame: str | Sequence[str], arguments: tuple[Any, ...],
                   out: Array | None, t: Any = 0.0) -> Array:
-        if not isinstance(frame, str):
-            raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): '
-                             'the order is (frame, q)')
-        # Kernels of a frame are made once and called directly.
-        entry = self._entry(name, frame, lambda at: self.kernels.at_frame(name, at))
-        at_time = self._at_time(arguments, t)
-        result: Array = entry(*at_time) if out is None else entry(*at_time, out=out)
+        """Call the kernel of a quantity of a frame, or of several frames."""
+        at = tuple(frame) if isinstance(frame, list | tuple) else frame
+        names = (at,) if isinstance(at, str) else at
+        if not (isinstance(names, tuple) and names
+                and all(isinstance(name, str) for name in names)):
+            raise InputError(f'frame: a {type(frame).__name__}; expected a name (str) or '
+                             'a sequence of names: the order is (frame, q)')
+        assert isinstance(at, str | tuple)
+        result: Array = self.kernels.at_frame(name, at)(*self._at_time(arguments, t),
+                                                        out=out)
         return result
-
-    def _entry(self, name: str, at: str, kernel: Callable[[str],
-                                                          Kernel]) -> Callable[..., Any]:
-        """Return the entry point of a kernel, compiled on first use."""
-        entry = self._entries.get((name, at))
-        if entry is None:
-            made = kernel(at)
-            entry = self._entries[name, at] = made.entry('', made)
-        return entry
 
     @property
     def n(self) -> int:

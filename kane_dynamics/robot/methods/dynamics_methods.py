@@ -377,10 +377,9 @@ class DynamicsMethods(Dispatch):
         if not isinstance(joint, str):
             raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): '
                              'the order is (joint, q, u, udot)')
-        # Later calls with the state alone use this entry point.
-        self._entry('joint_reaction', joint, self.kernels.reaction)
         return self._loaded('joint_reaction', (q, u, udot), wrench, out, t, joint)
 
+    @compiled
     def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                                      *,
                                      wrench: ArrayLike | None = None,
@@ -398,6 +397,7 @@ class DynamicsMethods(Dispatch):
                                           t=t)
         return by_q, by_u, M
 
+    @compiled
     def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                                      wrench: ArrayLike | None = None,
                                      t: ArrayLike = 0.0) -> Matrices:
@@ -589,10 +589,8 @@ class DynamicsMethods(Dispatch):
 
     def _matrices(self, name: str, arguments: tuple[Any, ...], t: Any) -> Matrices:
         """Return the three matrices of a kernel that has all of them."""
-        kernel = self.kernels.quantity(name)
-        entry = self._entry(name, '', lambda _: kernel)
-        result = entry(*self._at_time(arguments, t))
-        if len(kernel.shape) == 3:
+        result = self._call(name, arguments, None, t)
+        if len(self.kernels.quantity(name).shape) == 3:
             return result[..., 0, :, :], result[..., 1, :, :], result[..., 2, :, :]
         n_q, n = self.n_q, self.n
         return result[..., :n_q], result[..., n_q:n_q + n], result[..., n_q + n:]

@@ -322,28 +322,6 @@ def test_native_entry_takes_matrices_as_they_are():
                 kernel(wrong, x)
 
 
-def test_entry_points_are_shared_by_kernels_of_one_signature_as_long_as_one_lives():
-    robots = [Robot(random_model(seed, 4)) for seed in (5, 6)]
-    q = np.full(4, 0.5)
-    # Through one code, each entry point calls its robot's kernel.
-    kernels = [robot.kernels.quantity('gravity_force') for robot in robots]
-    for robot, kernel in zip(robots, kernels):
-        np.testing.assert_array_equal(robot.gravity_force(q), kernel(q))
-        workspace = robot.bind()
-        workspace.q[:] = q
-        np.testing.assert_array_equal(workspace.gravity_force(), kernel(q))
-    code, other_code = (kernel._signature.entry_points for kernel in kernels)
-    assert code is other_code
-
-    alive = weakref.ref(code)
-    del code, other_code, kernels[0], robots[0]
-    gc.collect()
-    assert alive() is not None
-    del robot, kernel, workspace, kernels, robots
-    gc.collect()
-    assert alive() is None
-
-
 def test_results_are_freed_with_their_entry():
     robot = Robot(MODEL)
     # No name may keep the last result alive.
@@ -417,3 +395,116 @@ def test_kernels_of_one_program_and_key_have_their_own_shapes():
         kernel = Kernel('copied', program([n]), 'a key of two shapes',
                         [Argument('x', (n,))], np.zeros(()), (n,))
         assert np.array_equal(kernel(np.arange(n)), np.arange(n))
+
+
+def same_calls(robot):
+    """Return calls of native entry points, and the same ones by the checked methods."""
+    frames = ('frame1', 'frame4')
+    q, u, udot = STATE
+    calls = []
+    for name, arguments in (('inverse_dynamics', STATE), ('mass_matrix', (q,)),
+                            ('kinetic_energy', (q, u)),
+                            ('inverse_dynamics_derivatives', STATE),
+                            ('forward_dynamics_derivatives', STATE),
+                            ('jacobian', ('frame4', q)), ('frame_pose', ('frame4', q)),
+                            ('jacobian', (frames, q)),
+                            ('frame_acceleration', (frames, q, u, udot)),
+                            ('joint_reaction', ('joint2', q, u, udot))):
+        calls.append((name, arguments))
+    return calls
+
+
+@pytest.mark.parametrize('as_given', [lambda x: x, np.ndarray.tolist, list,
+                                      lambda x: tuple(map(float, x)),
+                                      lambda x: [*x[:-1], int(x[-1])]])
+def test_lists_and_tuples_give_the_results_of_the_checked_methods(robot, as_given):
+    for name, arguments in same_calls(robot):
+        values = []
+        for value in arguments:
+            if isinstance(value, np.ndarray):
+                value = as_given(value)
+            values.append(value)
+        expected = getattr(Robot, name)(robot, *values)
+        for _ in range(3):
+            result = getattr(robot, name)(*values)
+            assert type(result) is type(expected)
+            for own, right in zip(np.atleast_1d(result), np.atleast_1d(expected),
+                                  strict=True):
+                np.testing.assert_array_equal(own, right)
+
+
+@pytest.mark.parametrize('count', [1, 3, 8, 9, 100])
+def test_small_batches_are_their_states_one_by_one(robot, count):
+    states = np.random.default_rng(count).uniform(-1.0, 1.0, (3, count, 5))
+    for _ in range(2):  # the first batch compiles
+        for name, arguments in (('inverse_dynamics', states),
+                                ('mass_matrix', states[:1]),
+                                ('kinetic_energy', states[:2])):
+            batch = getattr(robot, name)(*arguments)
+            assert type(batch) is np.ndarray and batch.flags.owndata
+            for k, row in enumerate(batch):
+                single = getattr(robot, name)(*(x[k] for x in arguments))
+                np.testing.assert_allclose(row, single, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('spoil', [
+    lambda q, u, x: (q[:3], u, x), lambda q, u, x: (q[0], u, x),
+    lambda q, u, x: (q, np.where(u == u[1, 1], np.nan, u), x),
+    lambda q, u, x: (q, u, x[:, :4]), lambda q, u, x: (q[None], u, x)])
+def test_a_small_batch_with_a_fault_raises_the_error_of_the_checked_method(robot, spoil):
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4, 5))
+    robot.inverse_dynamics(*states)
+    arguments = spoil(*states)
+    with pytest.raises(InputError) as expected:
+        Robot.inverse_dynamics(robot, *arguments)
+    with pytest.raises(InputError) as raised:
+        robot.inverse_dynamics(*arguments)
+    assert str(raised.value) == str(expected.value)
+
+
+@pytest.mark.parametrize('state', [[True] * 5, [1e400] + [0.0] * 4, [10**400] + [0] * 4,
+                                   ['1.0'] * 5, [0.0] * 4, [[0.0]] * 5, [None] * 5, []])
+def test_lists_of_anything_else_raise_the_error_of_the_checked_method(robot, state):
+    with pytest.raises((InputError, OverflowError)) as expected:
+        Robot.mass_matrix(robot, state)
+    with pytest.raises(type(expected.value)) as raised:
+        robot.mass_matrix(state)
+    assert str(raised.value) == str(expected.value)
+
+
+@pytest.mark.parametrize('frame', [None, 3, 'nowhere', ('frame1', 'nowhere'), (),
+                                   ([],), ('frame1', 2)])
+def test_frames_that_are_no_names_are_refused(robot, frame):
+    robot.jacobian('frame1', STATE[0])
+    with pytest.raises(InputError, match='frame'):
+        robot.jacobian(frame, STATE[0])
+
+
+def test_several_frames_are_the_single_ones(robot):
+    q, u, udot = STATE
+    frames = ('frame1', 'frame4', 'frame1')
+    for name, arguments in (('jacobian', (q,)), ('frame_pose', (q,)),
+                            ('frame_velocity', (q, u)), ('jacobian_rate', (q, u)),
+                            ('frame_acceleration', (q, u, udot))):
+        method = getattr(robot, name)
+        for given in (frames, list(frames)):
+            together = method(given, *arguments)
+            for frame, own in zip(frames, together, strict=True):
+                np.testing.assert_allclose(own, method(frame, *arguments), atol=1e-14)
+    in_frame = robot.jacobian(frames, q, axes='frame')
+    np.testing.assert_array_equal(in_frame[1], robot.jacobian('frame4', q, axes='frame'))
+
+
+def test_parts_of_a_result_are_never_shared_between_calls(robot):
+    states = random_state(MODEL, 8, 3 * 20).reshape(20, 3, 5)
+    results = [robot.inverse_dynamics_derivatives(*state) for state in states]
+    for state, parts in zip(states, results):
+        for own, right in zip(parts, Robot.inverse_dynamics_derivatives(robot, *state),
+                              strict=True):
+            np.testing.assert_array_equal(own, right)
+    before = sys.getrefcount(results[0][1])
+    for _ in range(5):
+        with pytest.raises(InputError, match='not finite'):
+            robot.inverse_dynamics_derivatives(STATE[0], np.full(5, 1e200), STATE[2])
+    after = sys.getrefcount(results[0][1])
+    assert after == before

@@ -55,8 +55,8 @@ def test_limits_can_be_replaced_and_parameters_refuse_misspelt_names():
     lambda arm: arm.operational_space_inertia(Q, 'frame3')])
 def test_frame_and_q_in_the_wrong_order_are_named(call):
     with pytest.raises(InputError,
-                       match=r'frame: a ndarray; expected a name \(str\): the order '
-                       r'is \(frame, q\)'):
+                       match=r'frame: a ndarray; expected a name \(str\) or a '
+                       r'sequence of names: the order is \(frame, q\)'):
         call(robot())
     with pytest.raises(InputError,
                        match=r'joint: a ndarray; expected a name .*\(joint, q, u'):

@@ -1,0 +1,52 @@
+"""C sources of the package: their LLVM texts, and the structures of Python."""
+
+import ctypes
+from pathlib import Path
+import shutil
+import subprocess
+
+from kane_dynamics.native.python_call import entry
+from kane_dynamics.native.runtime import message_loop
+import pytest
+
+ROOT = Path(__file__).parents[3]
+SOURCES = {module.SOURCE.path.stem: module.SOURCE for module in (entry, message_loop)}
+
+
+@pytest.mark.skipif(not shutil.which('clang-15') or not shutil.which('make'),
+                    reason='no clang 15')
+@pytest.mark.parametrize('name', SOURCES)
+def test_the_llvm_text_is_what_clang_makes_of_the_source(name, tmp_path):
+    path = SOURCES[name].path
+    shutil.copy(path, tmp_path)
+    made = (tmp_path / path.name).with_suffix('.ll')
+    subprocess.run(['make', '-s', 'llvm-texts', f'LLVM_TEXTS={made}'], cwd=ROOT,
+                   check=True)
+    assert made.read_text() == path.with_suffix('.ll').read_text()
+
+
+@pytest.mark.skipif(not shutil.which('gcc'), reason='no C compiler')
+@pytest.mark.parametrize('name', SOURCES)
+def test_the_structures_of_python_are_those_of_the_compiler(name, tmp_path):
+    source = SOURCES[name]
+    places = []
+    lines = ['#include <stdio.h>', f'#include "{source.path}"', 'int main(void) {']
+    for structure_name, structure in source.structures.items():
+        places.append(('sizeof', structure_name, ctypes.sizeof(structure)))
+        lines.append(f'printf("%zu\\n", sizeof({structure_name}));')
+        for field, _ in structure._fields_:
+            places.append((structure_name, field, getattr(structure, field).offset))
+            place = f'__builtin_offsetof({structure_name}, {field})'
+            lines.append(f'printf("%zu\\n", {place});')
+    for constant, value in source.constants.items():
+        places.append(('constant', constant, value))
+        lines.append(f'printf("%d\\n", (int){constant});')
+    program = tmp_path / 'places'
+    text = tmp_path / 'places.c'
+    text.write_text('\n'.join([*lines, 'return 0; }']))
+    subprocess.run(['gcc', '-std=gnu11', '-Wall', '-Wextra', '-Werror', '-o',
+                    str(program), str(text)], check=True)
+    done = subprocess.run([str(program)], capture_output=True, text=True, check=True)
+    of_compiler = map(int, done.stdout.split())
+    for (structure, field, of_python), expected in zip(places, of_compiler, strict=True):
+        assert of_python == expected, (structure, field)
