@@ -8,7 +8,7 @@ from typing import Any
 from interleaved_timing import interleaved
 from machines import (closed_loops, FREE_FLYER, Machine, PRISMATIC, SAME,
                       SETTINGS)
-from native_loop import race, Race
+from native_loop import Race, race
 import numpy as np
 import pinocchio as pin
 

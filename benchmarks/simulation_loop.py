@@ -74,6 +74,7 @@ def simulation_races(name: str, model: Model) -> list[Race]:
             return ours(steps)
 
     contenders = {'ours': ours, 'MuJoCo': of_mujoco, UNCHECKED: unchecked}
+
     def of_pinocchio(peer: Pinocchio, steps: int = STEPS) -> np.ndarray:
         state = np.concatenate([q0, u0])
         peer.simulate(steps, STEP, tau, state)

@@ -161,6 +161,8 @@ LOOP_GAIN = 1.7
 ROWS_OF_BLOCK = 2400
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
+# Of a kernel: a frame, several frames, a joint, or nothing.
+At = str | tuple[str, ...]
 Place = tuple[str, Hashable]  # of a kernel: name, and what tells it from its namesakes
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
@@ -267,7 +269,7 @@ class KernelSet:
         """Return the kernel of one of `names`; InputError for another name."""
         return self.kernel(name)
 
-    def at_frame(self, name: str, frame: str | tuple[str, ...]) -> Kernel:
+    def at_frame(self, name: str, frame: At) -> Kernel:
         """Return the kernel of a quantity of frames; InputError for an unknown one."""
         return self.kernel(name, frame)
 
@@ -291,7 +293,7 @@ class KernelSet:
         """Return the kernel of a joint reaction; InputError for an unknown joint."""
         return self.kernel('joint_reaction', joint)
 
-    def kernel(self, name: str, at: str | tuple[str, ...] = '',
+    def kernel(self, name: str, at: At = '',
                derivative: Derivative | None = None) -> Kernel:
         """
         Return the kernel of a quantity or of a derivative of it.
@@ -327,7 +329,7 @@ class KernelSet:
             self._made[place] = kernel
         return kernel
 
-    def signature(self, name: str, at: str | tuple[str, ...] = '',
+    def signature(self, name: str, at: At = '',
                   derivative: Derivative | None = None) -> tuple[list[Argument], Shape]:
         """Return the arguments of a kernel and the shape of its result; see `kernel`."""
         quantity = self._quantity(name)
@@ -476,7 +478,7 @@ class KernelSet:
                              f'{", ".join(self.names)}')
         return quantity if has_recursion else replace(quantity, shape=('n', 'slopes'))
 
-    def _method(self, name: str, at: str | tuple[str, ...] = '',
+    def _method(self, name: str, at: At = '',
                 equations: Equations | None = None) -> Callable[..., Any]:
         """Return the method of a quantity; InputError for an unknown part."""
         equations = equations or self.equations
@@ -571,7 +573,7 @@ class KernelSet:
             arguments.append(Argument('wrench', no_wrench.shape, default=no_wrench))
         return [*arguments, *self._time]
 
-    def program(self, name: str, at: str | tuple[str, ...] = '', derivative: Derivative | None = None,
+    def program(self, name: str, at: At = '', derivative: Derivative | None = None,
                 single: bool = False) -> Program:
         """
         Trace a quantity or a derivative of it; arguments as `kernel`.
@@ -611,7 +613,7 @@ class KernelSet:
             return best
         return by_blocks
 
-    def _traced(self, method: Callable[..., Any], name: str, at: str | tuple[str, ...],
+    def _traced(self, method: Callable[..., Any], name: str, at: At,
                 derivative: Derivative | None = None) -> Program:
         """Return the program of a function of the equations; see `program`."""
         equations = self.equations

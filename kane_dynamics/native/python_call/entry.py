@@ -361,7 +361,6 @@ def kernel_table(kernel: KernelFunction, signature: Signature,
     return new_table(fallback, words, tuple(kept))
 
 
-
 def unmade_table(make: Callable[[Any], Any]) -> EntryTable:
     """Return a table whose first call asks `make` for the table of an object."""
     return new_table(make, {'code': SOURCE.code.address('unmade')})

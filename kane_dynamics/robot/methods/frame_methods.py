@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
+Frame = str | Sequence[str]  # one, or several in one call
 DIRECTIONS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # linear, then angular, world axes
 SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as singular
 
@@ -20,12 +21,12 @@ class FrameMethods(DynamicsMethods):
     """The methods of `Robot` for poses and motion of frames, in world axes."""
 
     @of_frame('frame_pose')
-    def frame_pose(self, frame: str | Sequence[str], q: ArrayLike, *, out: Array | None = None) -> Array:
+    def frame_pose(self, frame: Frame, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the (4, 4) pose of a frame in the world, m."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
     @of_frame('frame_velocity')
-    def frame_velocity(self, frame: str | Sequence[str], q: ArrayLike, u: ArrayLike, *,
+    def frame_velocity(self, frame: Frame, q: ArrayLike, u: ArrayLike, *,
                        t: ArrayLike = 0.0, axes: str = 'world',
                        out: Array | None = None) -> Array:
         """Return the velocity of a frame, (6,): linear, angular; axes as of `jacobian`."""
@@ -34,14 +35,14 @@ class FrameMethods(DynamicsMethods):
         return velocity
 
     @of_frame('frame_acceleration')
-    def frame_acceleration(self, frame: str | Sequence[str], q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+    def frame_acceleration(self, frame: Frame, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                            *,
                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """Return the acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
     @of_frame('partial_velocities')
-    def jacobian(self, frame: str | Sequence[str], q: ArrayLike, *, t: ArrayLike = 0.0,
+    def jacobian(self, frame: Frame, q: ArrayLike, *, t: ArrayLike = 0.0,
                  axes: str = 'world',
                  out: Array | None = None) -> Array:
         """
@@ -53,8 +54,9 @@ class FrameMethods(DynamicsMethods):
 
         Parameters
         ----------
-        frame : str
-            One of `frame_names`.
+        frame : str or sequence of str
+            One of `frame_names`, or several, whose results are stacked: (k, 6, n). So do
+            all methods of frames.
         q : (n_q,) or (N, n_q) array_like
             Coordinates, rad or m.
         t : float or (N,) array_like
@@ -74,7 +76,7 @@ class FrameMethods(DynamicsMethods):
         self._turn(J, frame, q, axes)
         return J
 
-    def _turn(self, rows: Array, frame: str | Sequence[str], q: ArrayLike,
+    def _turn(self, rows: Array, frame: Frame, q: ArrayLike,
               axes: str) -> None:
         """Turn rows in world axes, (..., 6, k), to the chosen axes, in place."""
         if axes not in ('world', 'frame'):
