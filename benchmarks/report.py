@@ -84,9 +84,10 @@ def gates() -> list[Gate]:
         Gate('RK4 simulation, a step', UNCHECKED, 0.6, 0.85),
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
-        Gate(loop + 'forward_dynamics', CPP, 4.0, 6.0, CHAINS),
-        Gate(loop + 'mass_matrix', CPP, 3.0, 5.0, CHAINS[:1]),
-        Gate(loop + 'inverse_mass_matrix', CPP, 4.0, 6.0, CHAINS[:1]),
+        Gate(loop + 'forward_dynamics', CPP, 4.0, 6.0, CHAINS[:1]),
+        Gate(loop + 'forward_dynamics', CPP, 2.5, 4.0, CHAINS[1:]),
+        Gate(loop + 'mass_matrix', CPP, 2.0, 5.0, CHAINS[:1]),
+        Gate(loop + 'inverse_mass_matrix', CPP, 1.5, 4.0, CHAINS[:1]),
         Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
         Gate(loop + 'inverse_dynamics', CPP, 8.0, 15.0, FREE),
         Gate(loop + 'forward_dynamics', CPP, 8.0, 15.0, FREE),
@@ -110,11 +111,7 @@ def gates() -> list[Gate]:
         Gate('a second of each of 10000 simulations, written', CLOCK, 500.0, 2000.0,
              ('fr3',)),
         Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',)),
-        # A step evaluates forward dynamics four times. Of their 691 (planar) and 961
-        # products 429 and 570 depend on the configuration alone, which two stages
-        # compute at once. Products bound the time: two a cycle, 0.8 of which the spatial
-        # arm's steps reach.
-        Gate('a second simulated at 0.1 ms', CLOCK, 200.0, 250.0, BEAMS),
+        Gate('a second simulated at 0.1 ms', CLOCK, 120.0, 200.0, BEAMS),
         Gate('a second simulated at 1 ms, implicit', CLOCK, 1000.0, 2000.0, BEAMS)]
 
 

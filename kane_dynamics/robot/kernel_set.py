@@ -15,7 +15,6 @@ from weakref import ref, WeakKeyDictionary
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import least_square, require_direction
@@ -140,25 +139,16 @@ IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass
 # joints.
 ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
-LARGE = 24  # more coordinates: inverses by a subroutine in batches
+LARGE = 24  # more coordinates: inverses by a subroutine in batches, matrices in lanes
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
-# Programs of single states that compute several joints at once, in lanes.
-ALWAYS_IN_LANES = 24  # more coordinates: matrices of one state are computed in lanes
-FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
-COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
-# Quantities whose two programs are compared beyond that, up to this many coordinates.
-COMPARED_LONGER = {'forward_dynamics': OUTLINED, 'mass_matrix': 64}
-# Quantities of long trees that are computed by loops over blocks of joints in series.
-BY_BLOCKS = ('mass_matrix', 'inverse_mass_matrix')
-FEWEST_BY_BLOCKS = 2 * LANES  # more coordinates: by blocks, where they take less time
-# With a path of so many joints they do; on shorter ones, the programs are compared.
-LONG_PATH = 3 * LANES
-# An instruction of a loop takes less time than one of a program without loops, of which
-# most is fetched from beyond the first cache of instructions: measured 1.3 to 2.1 times.
-LOOP_GAIN = 1.7
-# Rows of lanes in forward dynamics by articulated inertias, for a block of joints.
-ROWS_OF_BLOCK = 2400
+# A path of more joints: accelerations by articulated inertias, whose arithmetic grows with
+# its length, and not with the cube of it.
+LONG_PATH = 20
+# Matrices of one state that are computed for several joints at once, where that takes
+# fewer instructions: in trees of any size, and in large ones.
+IN_LANES = ('coriolis_matrix', *ANALYTIC)
+LARGE_IN_LANES = (*IN_LANES, 'mass_matrix', 'inverse_mass_matrix', 'regressor')
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
 # Of a kernel: a frame, several frames, a joint, or nothing.
@@ -324,8 +314,7 @@ class KernelSet:
             traced_single = partial(self.program, name, at, derivative, single=True)
             key = self.key and self.key + (at if isinstance(at, str) else repr(at))
             kernel = Kernel(label, traced, key, arguments, self._parameters, shape,
-                            partial(self._another, place), traced_single, self._in_order,
-                            derivative is None and self.by_states(name))
+                            partial(self._another, place), traced_single, self._in_order)
             self._made[place] = kernel
         return kernel
 
@@ -387,12 +376,6 @@ class KernelSet:
         """Return the names of the arguments of a quantity, before wrench and time."""
         return self._quantity(name).arguments
 
-    def by_states(self, name: str) -> bool:
-        """Return whether batches of a quantity are computed one state after the other."""
-        if name != 'forward_dynamics' or self.equations.n <= OUTLINED:
-            return False
-        return method_in_lanes(self.equations, name) is not None
-
     def in_use(self, name: str) -> bool:
         """Return whether one of `QUANTITIES` has been compiled, so that it exists here."""
         kernel = self._made.get((name, ''))
@@ -403,16 +386,15 @@ class KernelSet:
                  constants: Shape | None = None,
                  reason: ResultCheck | None = None,
                  single: Callable[..., Any] | None = None,
-                 by_states: bool = False, ahead: bool = True,
-                 interleaved: bool = False, level: int = 1) -> Kernel:
+                 ahead: bool = True) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
         With `constants`, the shape of the function's last argument, its numbers take the
         place of the robot's parameters: calls of the kernel's address pass them last.
         `reason` is that of `Kernel`; `single` is the same function in lanes, for single
-        states; `by_states`, `interleaved` and `level` are as of `Kernel`. The code of
-        single states is compiled now, or at its first use unless `ahead`.
+        states. The code of single states is compiled now, or at its first use unless
+        `ahead`.
         """
         traced = self.function(function, name, inputs, constants, shape)
         # Within one robot, the text of a function of this library tells it from others of
@@ -436,8 +418,8 @@ class KernelSet:
                 program_in_lanes = self.function(single, name, inputs, constants,
                                                  shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
-                            explanation, program_in_lanes, self._in_order, by_states,
-                            interleaved, level, traced.unread)
+                            explanation, program_in_lanes, self._in_order,
+                            traced.unread)
             self._made[place] = kernel
         if ahead:
             kernel.compile()
@@ -505,6 +487,10 @@ class KernelSet:
                 method = partial(getattr(tree, name), share=Subroutines())
             elif name in ANALYTIC:
                 method = getattr(tree, name)
+            elif name == 'forward_dynamics' and _has_long_path(tree):
+                method = tree.accelerations_by_articulated_inertias
+                if tree.n > OUTLINED:
+                    method = partial(method, share=Subroutines())
         assert method is not None
         return method
 
@@ -584,34 +570,21 @@ class KernelSet:
         if not single or derivative is not None:
             return self._traced(self._method(name, at), name, at, derivative)
 
-        # For single states the program that takes less time: by loops over blocks, in rows
-        # of lanes, or plain.
-        equations = self.equations
-        lanes = width()
-        in_blocks = method_in_lanes(equations, name, by_blocks=True)
-        by_blocks = None
-        if in_blocks is not None:
-            by_blocks = self._traced(in_blocks, name, at)
-            if longest_path(equations) >= LONG_PATH:
-                # Without loops it would be far longer.
-                return by_blocks
-
-        # Without loops: the shorter one on this processor, where a plain program of a large
-        # robot is not far longer.
-        in_lanes = method_in_lanes(equations, name)
-        best = None if in_lanes is None else self._traced(in_lanes, name, at)
-        if best is None or equations.n <= COMPARED_LONGER.get(name, ALWAYS_IN_LANES):
+        # For single states the program that takes fewer instructions. Beyond some size
+        # the plain one is far longer, and is not even traced.
+        plain = None
+        in_lanes = method_in_lanes(self.equations, name)
+        if in_lanes is None or self.equations.n <= OUTLINED:
             plain = self._traced(self._method(name, at), name, at)
-            if best is None or (plain.instruction_count(lanes)
-                                <= best.instruction_count(lanes)):
-                best = plain
-
-        # Blocks fill short branches with joints that do not move, and compute with zeros
-        # that a program without loops leaves out.
-        if by_blocks is None or (best.instruction_count(lanes) * LOOP_GAIN
-                                 < by_blocks.instruction_count(lanes)):
-            return best
-        return by_blocks
+        if in_lanes is None:
+            assert plain is not None
+            return plain
+        program = self._traced(in_lanes, name, at)
+        lanes = width()
+        if plain is not None and (plain.instruction_count(lanes)
+                                  <= program.instruction_count(lanes)):
+            return plain
+        return program
 
     def _traced(self, method: Callable[..., Any], name: str, at: At,
                 derivative: Derivative | None = None) -> Program:
@@ -663,57 +636,31 @@ class KernelSet:
         return trace_program(name, function, inputs)
 
 
-def _beams_in_lanes(tree: TreeEquations) -> TreeEquations:
-    """Return a tree whose beams with equally many modes are computed together."""
-    # Needed only where a program is traced.
-    from kane_dynamics.native.tracing.wide import WideLanes
-    return tree.with_beams_in_lanes(lambda q: WideLanes(q.trace))
-
-
-def method_in_lanes(equations: Equations, name: str,
-                    by_blocks: bool = False) -> Callable[..., Any] | None:
-    """
-    Return the function that computes several joints at once, or None.
-
-    `by_blocks` asks for the one that computes a state by loops over blocks of joints.
-    """
-    n = equations.n
-    if by_blocks and (name not in BY_BLOCKS or n <= FEWEST_BY_BLOCKS):
+def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
+    """Return the function that computes several joints at once, or None."""
+    names = LARGE_IN_LANES if equations.n > LARGE else IN_LANES
+    if name not in names or not equations.in_joint_rates:
         return None
-    similar_beams = equations.in_joint_rates and equations.tree.has_similar_beams
-    # Beams with equally many modes, then trees with enough joints to fill the lanes.
-    if name == 'forward_dynamics' and similar_beams:
-        return _beams_in_lanes(equations.tree).forward_dynamics
-    suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
-    suits = suits or (n > LANES and name == 'forward_dynamics')
-    suits = suits or by_blocks
-    if not (equations.in_joint_rates and suits):
+    if not equations.tree.has_simple_joints:
         return None
     # Needed only where a program is traced.
     from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
-    from kane_dynamics.native.tracing.loop import Loops
     from kane_dynamics.native.tracing.wide import WideLanes
-    tree = equations.tree
-    if not TreeInLanes.suits(tree) or (by_blocks and not TreeInLanes.fills_blocks(tree)):
-        return None
-    # ABA by blocks pays where branches are long; CRBA takes less elsewhere.
-    if name == 'forward_dynamics':
-        instructions = ROWS_OF_BLOCK * (LANES // width())
-        if not TreeInLanes.has_long_branches(tree, instructions):
-            return None
-    tree_in_lanes = TreeInLanes(tree, lambda q: WideLanes(q.trace), Loops())
-    if by_blocks:
-        name = f'{name}_by_blocks'
-    return getattr(tree_in_lanes, name, None)
+    tree_in_lanes = TreeInLanes(equations.tree, lambda q: WideLanes(q.trace))
+    method: Callable[..., Any] = getattr(tree_in_lanes, name)
+    return method
 
 
-def longest_path(equations: Equations) -> int:
-    """Return the largest number of joints that carry a body of a tree."""
+def _has_long_path(tree: TreeEquations) -> bool:
+    """Return whether articulated inertias serve a tree, and take less time than M."""
+    if not tree.has_simple_joints or tree.without_own_inertia:
+        return False
     depths: list[int] = []
-    for link in equations.tree.geometry:
+    for link in tree.geometry:
         carriers = 0 if link.parent == WORLD else depths[link.parent]
         depths.append(carriers + 1)
-    return max(depths)
+    return max(depths) > LONG_PATH and all(link.multiplier == 1.0
+                                           for link in tree.geometry)
 
 
 def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:

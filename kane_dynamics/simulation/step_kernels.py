@@ -15,23 +15,14 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
-from kane_dynamics.mechanics.integrators.linear_step import (is_linear, tree_terms,
-                                                             TreeTerms)
+from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.integrators.runge_kutta import (AtConfiguration,
-                                                             runge_kutta_4_in_pairs)
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.native.tracing.side_by_side import (call_side_by_side, divided,
-                                                       SideBySide)
 from kane_dynamics.native.tracing.subroutine import call
-from kane_dynamics.robot.kernel_set import kernel_per_robot, method_in_lanes
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-
-# Configurations that are computed at once.
-PAIR = 2
 
 
 def tau_from(equations: Equations, names: Sequence[str], q: Any, tau: Any,
@@ -92,20 +83,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     choice = StepChoice(feedback, integrator, dual_to, tuple(followed)).needed(robot)
     name, inputs, constants = step_signature(robot, choice)
     step = partial(traced_step, robot, choice)
-    # Where the dynamics of one state have a program of their own, its steps have, too.
-    single = None
-    level = 1
-    # Both stages of a linear step are in its own program: forces, mass matrix, factors.
-    interleaved = integrator == 'implicit' and is_linear(robot.equations)
-    if robot.equations.tree.flexible and steps_in_pairs(robot, choice):
-        single = partial(traced_step_in_pairs, robot, choice)
-        level = 2
-    elif method_in_lanes(robot.equations, 'forward_dynamics') is not None:
-        single = partial(step, system=SingleRobotMotion)
     return robot.kernels.compiled(step, name, inputs, inputs['state'],
-                                  constants=constants, single=single,
-                                  by_states=robot.kernels.by_states('forward_dynamics'),
-                                  interleaved=interleaved, level=level)
+                                  constants=constants)
 
 
 def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Shape], Shape]:
@@ -191,8 +170,6 @@ def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
 class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
-    single = False  # the step may be one of a batch
-
     def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
                  parameters: Vector, dual_to: tuple[str, ...] | None, watched: bool,
                  followed: Sequence[int], start: Vector, h: Scalar) -> None:
@@ -265,7 +242,7 @@ class RobotMotion:
         robot = self.robot
         equations = self.equations
         if equations.in_joint_rates and not self.bristles:
-            return robot.kernels.program('forward_dynamics', single=self.single)
+            return robot.kernels.program('forward_dynamics')
         physical = robot.parameters.physical
 
         # u' for the torque, in whatever speeds the torque is dual to.
@@ -337,59 +314,6 @@ class RobotMotion:
         """Return the rates of time and margin."""
         return np.array([*(1.0 for _ in self._start),
                          *[0.0] * int(self.equations.watched)])
-
-
-class SingleRobotMotion(RobotMotion):
-    """A robot during one traced step that is not one of a batch."""
-
-    single = True
-
-
-def steps_in_pairs(robot: Robot, choice: StepChoice) -> bool:
-    """Return whether the step of one state computes its configurations in pairs."""
-    equations = robot.equations
-    if choice.integrator != 'rk4' or choice.dual_to is not None or choice.feedback:
-        return False
-    # The state is q and u alone, with q' = u.
-    if not equations.in_joint_rates or robot.model.balls:
-        return False
-    if equations.tree.bristles or equations.time_inputs('t'):
-        return False
-    # The largest trees have programs of their own.
-    return not robot.kernels.by_states('forward_dynamics')
-
-
-class MotionInPairs(RobotMotion):
-    """A robot during one traced step that computes two configurations at once."""
-
-    single = True
-
-    @lazy_property
-    def _parts(self) -> tuple[SideBySide, Program]:
-        """Return the forward dynamics as what q determines, for two states, and the rest."""
-        program = self.robot.kernels.program('forward_dynamics')
-        first, second = divided(program, ('q', 'wrench', 'parameters'), PAIR)
-        return SideBySide(by_latency(first.program), PAIR), by_latency(second)
-
-    def at_pair(self, q_a: Vector, q_b: Vector) -> list[AtConfiguration]:
-        """Return the accelerations at two configurations as functions of u and moment."""
-        configurations, dynamics = self._parts
-        others = [*self._wrench, self._parameters]
-        known = call_side_by_side(configurations, [[q, *others] for q in (q_a, q_b)])
-
-        def acceleration(q: Vector, at_q: list[Any], u: Vector, moment: int) -> Vector:
-            return np.array(call(dynamics, at_q, u, self.torque(q, u, moment)))
-        return [partial(acceleration, q, at_q) for q, at_q in zip((q_a, q_b), known)]
-
-
-def traced_step_in_pairs(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
-                         constants: Vector) -> Vector:
-    """Return the state after a Runge-Kutta step, as `traced_step`; see `steps_in_pairs`."""
-    h, parameters = np.split(constants, [1])
-    motion = MotionInPairs(robot, inputs, None, parameters, None, False, choice.followed,
-                           np.zeros(0), h[0])
-    q, u = np.split(state, 2)
-    return runge_kutta_4_in_pairs(motion.at_pair, q, u, h[0])
 
 
 def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:

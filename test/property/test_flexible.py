@@ -13,13 +13,7 @@ from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.energy_form.lagrange_constrained import (EnergyForm,
                                                                       PasserelloHuston)
-from kane_dynamics.mechanics.joint_lanes.joint_blocks import plain_lanes
 from kane_dynamics.model.model import with_payload
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import evaluate, trace_program
-from kane_dynamics.robot.kernel_set import method_in_lanes
-from kane_dynamics.simulation.step_kernels import (step_kernel, step_program, StepChoice,
-                                                   steps_in_pairs)
 from mechanisms import with_inertia_in
 import numpy as np
 import pytest
@@ -110,34 +104,11 @@ def fork(twists=0):
 
 @pytest.mark.parametrize('model', [arm(), arm((3, 0)), fork(), fork(2)],
                          ids=['arm', 'in a plane', 'fork', 'fork with twists'])
-def test_beams_in_lanes_are_those_of_single_beams_and_of_the_definition(model):
-    robot = Robot(model)
+def test_accelerations_of_several_beams_are_those_of_the_definition(model):
     q, u, tau = states(model, 7)
     expected = kane.forward_dynamics(model, q, u, tau)
-    near = {'rtol': 0.0, 'atol': 1e-9 * np.abs(expected).max()}
-    tree = robot.equations.tree
-    parameters = robot.parameters.block
-    assert tree.has_similar_beams
-    single = tree.forward_dynamics(q, u, tau, None, parameters)
-    np.testing.assert_allclose(single, expected, **near)
-    # On numbers, and compiled, whether or not it is the shorter program here.
-    together = tree.with_beams_in_lanes(plain_lanes)
-    udot = together.forward_dynamics(q, u, tau, None, parameters)
-    np.testing.assert_allclose(udot.astype(float), expected, **near)
-    for quantity in ('mass_matrix', 'gravity_force'):
-        np.testing.assert_allclose(
-            getattr(together, quantity)(q, parameters).astype(float),
-            getattr(tree, quantity)(q, parameters).astype(float), rtol=0.0, atol=1e-12)
-    kernels = robot.kernels
-    plain = kernels.program('forward_dynamics')
-    method = method_in_lanes(robot.equations, 'forward_dynamics')
-    wide = trace_program('udot', lambda q, u, tau, parameters: method(
-        q, u, tau, None, parameters), plain.inputs)
-    assert 'wide_mul' in {node.op for node in wide.schedule()}
-    arguments, shape = kernels.signature('forward_dynamics')
-    kernel = Kernel('udot', lambda: wide, None, arguments, parameters, shape)
-    np.testing.assert_allclose(kernel(q, u, tau), expected, **near)
-    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), expected, **near)
+    np.testing.assert_allclose(Robot(model).forward_dynamics(q, u, tau), expected,
+                               rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_the_torque_by_body_is_that_of_the_arm_in_which_only_this_body_has_inertia():
@@ -472,22 +443,6 @@ def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
         errors.append(np.abs(total - total[0]).max())
     assert errors[0] / errors[1] > 12.0
     assert errors[1] / errors[2] > 12.0
-
-
-def test_a_step_of_two_configurations_at_once_is_the_plain_one():
-    robot = Robot(arm(), wrench_frames=('middle',), payload_frame='hand')
-    robot.parameters.payload = point_mass(0.4, (0.1, 0.0, 0.02))
-    choice = StepChoice(False)
-    assert steps_in_pairs(robot, choice)
-    q, u, tau = states(robot.model)
-    state = np.concatenate([q, u])
-    constants = np.concatenate([[1e-4], robot.parameters.block])
-    expected = evaluate(step_program(robot, 'step', choice),
-                        [state, tau[None], constants])
-    stepped = np.empty((1, len(state)))
-    kernel = step_kernel(robot, False)
-    kernel.scan([state[None], tau[None, None]], stepped, constants=constants)
-    np.testing.assert_allclose(stepped[0], expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize('make', [flexible_four_bar, mast_on_a_sleigh])

@@ -6,22 +6,15 @@ from definition import relative_error
 from hypothesis import given, settings, strategies as st
 from kane_dynamics import box, Inertial, ModelBuilder, Robot
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
-from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.joint_lanes.block_rows import unpacked
-from kane_dynamics.mechanics.joint_lanes.derivatives import (
-    inverse_dynamics_derivatives as derivative_rows, OF_RATES)
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
-from kane_dynamics.mechanics.recursive.derivatives import (
-    inverse_dynamics_derivatives as recursive_derivatives)
-from kane_dynamics.mechanics.recursive.subroutines import one_by_one
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot import kernel_set
-from kane_dynamics.robot.kernel_set import COMPARED, method_in_lanes
+from kane_dynamics.robot.kernel_set import IN_LANES, method_in_lanes
 from mechanisms import random_model, random_state, with_bodies
 import numpy as np
 import pytest
@@ -50,7 +43,7 @@ def shuffled(model, seed):
 def test_numbers_in_lanes_are_those_of_single_joints(seed, n, prismatic):
     model = shuffled(random_model(seed, n, prismatic=prismatic), seed)
     equations = TreeEquations(model)
-    assert TreeInLanes.suits(equations)
+    assert equations.has_simple_joints
     parameters = np.array([0.3, -0.2, -9.8])
     states = random_state(model, seed)
     for name, count in GIVEN.items():
@@ -67,7 +60,7 @@ def test_numbers_in_lanes_are_those_of_single_joints(seed, n, prismatic):
 
 
 def test_a_coordinate_that_moves_several_bodies_has_no_lane():
-    assert not TreeInLanes.suits(TreeEquations(random_model(3, 4, mimics=2)))
+    assert not TreeEquations(random_model(3, 4, mimics=2)).has_simple_joints
 
 
 @pytest.mark.parametrize('far', [0.0, 100.0])
@@ -95,7 +88,7 @@ def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
 
 @pytest.mark.parametrize('n', [4, 7, 9, pytest.param(8, marks=pytest.mark.slow),
                                pytest.param(16, marks=pytest.mark.slow)])
-@pytest.mark.parametrize('name', COMPARED)
+@pytest.mark.parametrize('name', IN_LANES)
 def test_one_state_of_an_arm_is_a_state_of_a_batch(name, n):
     robot = Robot(shuffled(random_model(8, n, branching=0.3 * (n > 8)), 8),
                   payload_frame='frame3')
@@ -137,36 +130,13 @@ def test_derivatives_in_lanes_are_those_of_the_definition(n):
     assert relative_error(np.hstack(forward), expected) < 1e-14 * np.linalg.cond(M)
 
 
-@settings(max_examples=8, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 19), st.sampled_from([0.0, 0.3, 1.0]),
-       st.sampled_from([0.0, 0.15, 0.6]))
-def test_loops_over_parts_of_a_tree_give_the_derivatives(seed, n, prismatic, branching):
-    model = shuffled(random_model(seed, n, prismatic=prismatic, branching=branching),
-                     seed)
-    equations = TreeEquations(model)
-    q, u, udot = random_state(model, seed)
-    parameters = np.array([0.3, -0.2, -9.8])
-    links = equations.base_links(parameters)
-    rows = derivative_rows(links, q, u, udot, parameters, repeat=one_by_one)
-    by_u = derivative_rows(links, q, u, udot, parameters,
-                           repeat=one_by_one, names=OF_RATES)[1]
-    # The same by another formulation, of one joint at a time.
-    expected = recursive_derivatives(links, q, u, udot, parameters)
-    for by_loops, matrix in zip((*rows, by_u), (*expected, expected[1])):
-        entries = np.array([unpacked(row, Lanes)[:n] for row in by_loops]).astype(float)
-        scale = np.abs(np.array(matrix).astype(float)).max()
-        assert np.abs(entries - matrix).max() <= 1e-12 * scale + 1e-13
-
-
 @pytest.mark.parametrize('n, branching', [
     (32, 0.0), (29, 0.6), pytest.param(45, 0.3, marks=pytest.mark.slow)])
-def test_compiled_loops_over_parts_give_the_derivatives_of_the_definition(n, branching):
+def test_derivatives_of_large_trees_are_those_of_the_definition(n, branching):
     model = shuffled(random_model(8, n, branching=branching), 8)
     robot = Robot(model, payload_frame='frame3')
     payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
     robot.parameters.payload = payload
-    program = robot.kernels.program('inverse_dynamics_derivatives', single=True)
-    assert any(node.op == 'loop' for node in program.schedule())
     loaded = with_payload(model, 'frame3', payload)
     q, u, udot = random_state(model, 5)
     none = np.zeros(n)
@@ -179,8 +149,7 @@ def test_compiled_loops_over_parts_give_the_derivatives_of_the_definition(n, bra
 
 
 @pytest.mark.parametrize('n, branching', [(32, 0.0), (45, 0.3)])
-def test_compiled_loops_over_parts_give_the_coriolis_forces_of_the_definition(
-        n, branching):
+def test_coriolis_forces_of_large_trees_are_those_of_the_definition(n, branching):
     model = shuffled(random_model(8, n, branching=branching, passive=False), 8)
     q, u, _ = random_state(model, 5)
     without_gravity = replace(model, gravity=np.zeros(3))
@@ -202,7 +171,7 @@ def test_arms_compute_one_state_by_the_shorter_program(monkeypatch):
     assert counts == [True, False]
 
 
-@pytest.mark.parametrize('name', [name for name in GIVEN if name != COMPARED[2]])
+@pytest.mark.parametrize('name', [name for name in GIVEN if name != IN_LANES[2]])
 def test_one_state_in_lanes_is_a_state_of_a_batch(name):
     model = shuffled(random_model(8, LARGER, branching=0.6), 8)
     robot = Robot(model, payload_frame='frame3')
@@ -228,9 +197,7 @@ def chain_with_a_thin_rod():
     across = np.eye(3) - np.outer(joint.axis, joint.axis)
     rod = Inertial(1.0, np.zeros(3), 0.01 * across)
     bodies[10] = replace(bodies[10], joint=joint, inertial=rod)
-    model = replace(model, bodies=tuple(bodies))
-    assert not TreeInLanes.fills_blocks(TreeEquations(model))
-    return model
+    return replace(model, bodies=tuple(bodies))
 
 
 @pytest.mark.parametrize('order', ['of the bodies', 'shuffled'])

@@ -17,27 +17,19 @@ delta, that of a joint j by S_j . (F, N) with the wrench (F, N) that joint i cha
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Vector
-from kane_dynamics.mechanics.algebra.lanes import LANES
-from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.joint_lanes.joint_blocks import LanesOf, plain_lanes
-from kane_dynamics.mechanics.joint_lanes.link_momenta import link_momenta
-from kane_dynamics.mechanics.joint_lanes.part_loops import (joint_by_joint, of_each_part,
-                                                            row_by_row, Rows)
+from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.vector import cross, symmetric
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.mechanics.recursive.subroutines import Repeat
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
 UPPER = np.triu_indices(3)
-BODY_ROWS = 42  # of `LaneBodies`
-MOMENTS = 27  # of `_moments`
-INERTIA_FORCES = range(6, 12)  # among them
 
 
 @dataclass
@@ -85,33 +77,11 @@ class LaneBodies:
     carried_mass: Any
     multiplier: Any
 
-    def rows(self) -> list[Any]:
-        """Return all fields as `BODY_ROWS` rows, one after the other."""
-        motion = self.motion
-        return [*self.R.ravel(), *self.p, *motion.sigma, *motion.s, *motion.v,
-                *motion.omega, *self.acceleration, *self.inertial, self.carried_mass,
-                self.multiplier]
-
-    @staticmethod
-    def of_rows(rows: Rows) -> 'LaneBodies':
-        """Return the links from the result of `rows`."""
-        x = np.array(rows, dtype=object)
-        motion = LaneMotion(*np.split(x[12:24], 4))
-        return LaneBodies(x[:9].reshape(3, 3), x[9:12], motion, x[24:30], x[30:40], x[40],
-                          x[41])
-
-
-# Vectors of joints, and their numbers of rows.
-SIZES = {'axis': 6, 'force': 9, 'by_q': 9, 'by_u': 9, 'wrench_by_q': 6, 'wrench_by_u': 6}
-OF_RATES = ('axis', 'force', 'by_u', 'wrench_by_u')  # those that dtau/du needs
-
 
 @dataclass
 class JointRows:
     """
     Vectors of the joints of one part: dot products are entries of the derivatives.
-
-    Those that are not computed are zero.
 
     Attributes
     ----------
@@ -132,25 +102,6 @@ class JointRows:
     by_u: Vector
     wrench_by_q: Vector
     wrench_by_u: Vector
-
-    def rows(self, names: Sequence[str]) -> list[Any]:
-        """Return the rows of some vectors, one after the other."""
-        rows: list[Any] = []
-        for name in names:
-            rows.extend(getattr(self, name))
-        return rows
-
-    @staticmethod
-    def of_rows(rows: Vector, names: Sequence[str]) -> 'JointRows':
-        """Return the vectors of these names from the result of `rows`."""
-        # Vectors that are left out stay zero, which costs nothing.
-        vectors = {name: np.zeros(size).astype(object) for name, size in SIZES.items()}
-        begin = 0
-        for name in names:
-            end = begin + SIZES[name]
-            vectors[name] = rows[begin:end]
-            begin = end
-        return JointRows(**vectors)
 
 
 def joint_vectors(body: LaneBodies, sums: Vector) -> JointRows:
@@ -202,26 +153,18 @@ def joint_vectors(body: LaneBodies, sums: Vector) -> JointRows:
 
 def inverse_dynamics_derivatives(links: Sequence[Link], q: Vector, u: Vector,
                                  udot: Vector, gravity: Vector,
-                                 lanes_of: LanesOf = plain_lanes,
-                                 repeat: Repeat | None = None,
-                                 names: Sequence[str] = tuple(SIZES)) -> Any:
+                                 lanes: Any = Lanes) -> Any:
     """
     Return rows of dtau/dq, dtau/du and M of the links, (3, n, ceil(n / LANES)).
 
-    Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes_of` as of
-    `JointBlocks`. With `repeat`, the vectors of joints are computed by loops over the
-    parts. `names` are those of the vectors that are needed. Entry [m, r, g] holds row r
-    of matrix m from column g LANES on.
+    Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes` has the
+    functions of `Lanes`. Entry [m, r, g] holds row r of matrix m from column g LANES on.
     """
-    lanes = lanes_of(q[0])
     # Motion of the links outward, sums of their moments over subtrees inward.
     tree = TreeSums(links, lanes)
     bodies = _bodies(tree, links, q, u, udot, gravity)
-    if repeat is None:
-        sums = tree.over_subtrees([_moments(body) for body in bodies])
-        parts = list(map(joint_vectors, bodies, sums))
-    else:
-        parts = _by_loops(tree, bodies, names, lanes_of, repeat)
+    sums = tree.over_subtrees([_moments(body) for body in bodies])
+    parts = list(map(joint_vectors, bodies, sums))
     # Entries: dot products of the vectors of joint r with those of a part's joints.
     result = np.zeros((3, tree.n, len(parts)), dtype=object)
     for r in range(tree.n):
@@ -290,33 +233,6 @@ def _bodies(tree: TreeSums, links: Sequence[Link], q: Vector, u: Vector,
     return [LaneBodies(*of_part) for of_part in zip(*columns, strict=True)]
 
 
-def _by_loops(tree: TreeSums, bodies: Sequence[LaneBodies], names: Sequence[str],
-              lanes_of: LanesOf, repeat: Repeat) -> list[JointRows]:
-    """Return the vectors of all joints by two loops over the parts."""
-    needed = list(range(MOMENTS))
-    if 'by_q' not in names:
-        # Only dtau/dq depends on accelerations and on inertia forces.
-        needed = [k for k in needed if k not in INERTIA_FORCES]
-        at_rest = np.zeros(6).astype(object)
-        bodies = [replace(body, acceleration=at_rest) for body in bodies]
-
-    def moments_by_joint(lanes: Any, body: Rows) -> list[Any]:
-        return joint_by_joint(_moments(LaneBodies.of_rows(body))[needed], lanes)
-
-    def vectors(lanes: Any, body: Rows, of_joints: Rows) -> list[Any]:
-        sums = np.zeros(MOMENTS).astype(object)
-        sums[needed] = row_by_row(of_joints, len(needed), lanes)
-        return joint_vectors(LaneBodies.of_rows(body), sums).rows(names)
-
-    # Sums over subtrees add the moments of one joint at a time, which are in lanes.
-    lanes = tree.lanes
-    table = [body.rows() for body in bodies]
-    moments = of_each_part('moments', moments_by_joint, [table], lanes, lanes_of, repeat)
-    sums = tree.over_subtrees_by_joint(moments)
-    results = of_each_part('vectors', vectors, [table, sums], lanes, lanes_of, repeat)
-    return [JointRows.of_rows(rows, names) for rows in results]
-
-
 def _poses(tree: TreeSums, links: Sequence[Link],
            q: Vector) -> tuple[list[Matrix], list[Vector]]:
     """Return rotation and position of the links from their tree's origin, in parts."""
@@ -382,8 +298,18 @@ def _moments(body: LaneBodies) -> Vector:
     omega = body.motion.omega
     a, alpha = np.split(body.acceleration, 2)
 
-    h, S, P, force, moment = link_momenta(body.R, body.p, mass, first, second,
-                                          (v, omega, a, alpha))
+    # From the link's axes and origin to the world's; I omega = trace(S) omega - S omega.
+    h_of_link = body.R @ first
+    h = h_of_link + mass * body.p
+    S = symmetric(body.R @ second @ body.R.T)
+    S = S + symmetric(np.outer(body.p, h_of_link) + np.outer(h, body.p))
+    trace = S[0, 0] + S[1, 1] + S[2, 2]
+
+    # Linear and angular momentum, and their rates.
+    P = mass * v + cross(omega, h)
+    L = cross(h, v) + trace * omega - S @ omega
+    force = mass * a + cross(alpha, h) + cross(omega, P)
+    moment = cross(h, a) + trace * alpha - S @ alpha + cross(v, P) + cross(omega, L)
 
     # v of a point at r is v + omega x r.
     V = np.outer(v, h) + np.stack([cross(omega, column) for column in S], axis=1)

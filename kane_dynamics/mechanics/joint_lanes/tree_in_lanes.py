@@ -1,4 +1,4 @@
-"""Quantities of trees, computed for several joints at once in lanes."""
+"""Matrices of trees, computed for several joints at once in lanes."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,22 +8,12 @@ from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero
-from kane_dynamics.mechanics.joint_lanes.block_matrices import BlockMatrices
-from kane_dynamics.mechanics.joint_lanes.branches import branches
-from kane_dynamics.mechanics.joint_lanes.derivatives import (
-    inverse_dynamics_derivatives, OF_RATES)
-from kane_dynamics.mechanics.joint_lanes.forward_dynamics import forward_dynamics
+from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
-from kane_dynamics.mechanics.joint_lanes.joint_blocks import (JointBlocks, LanesOf,
-                                                              plain_lanes)
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
 from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
-from kane_dynamics.mechanics.recursive.subroutines import one_by_one, Repeat
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
-
-
-FEW_PARTS = 3  # more parts of eight joints: derivatives by loops over them
 
 
 class TreeInLanes:
@@ -33,77 +23,19 @@ class TreeInLanes:
     Parameters
     ----------
     equations : TreeEquations
-        Of rigid bodies, each moved by a coordinate of its own: see `suits`.
+        Of rigid bodies, each moved by a coordinate of its own: see
+        `TreeEquations.has_simple_joints`.
     lanes : callable
         Takes a scalar of q and returns an object with the functions of `Lanes` for its
         type.
-    repeat : callable
-        `one_by_one`, or the same as a loop.
 
     """
 
-    def __init__(self, equations: TreeEquations, lanes: LanesOf = plain_lanes,
-                 repeat: Repeat = one_by_one) -> None:
+    def __init__(self, equations: TreeEquations,
+                 lanes: Callable[[Any], Any] = lambda scalar: Lanes) -> None:
         """Store the equations."""
         self.equations = equations
         self._lanes = lanes
-        self._repeat = repeat
-
-    @staticmethod
-    def suits(equations: TreeEquations) -> bool:
-        """Return whether every body is rigid and has a coordinate (no mimic joint)."""
-        model = equations.model
-        if model.flexible or equations.carries_loads:
-            return False
-        return len(model.bodies) == equations.n == equations.n_q
-
-    def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
-                         parameters: Vector) -> Vector:
-        """Return udot, (n,), in linear time by articulated inertias."""
-        equations = self.equations
-        # Friction, springs and wrenches act on the joints; gravity accelerates the base.
-        torque = (equations.drive_loads(u, tau) - equations.spring_force(q)
-                  + equations.external_force(q, wrench))
-        return forward_dynamics(equations.base_links(parameters), q, u, torque,
-                                equations.rotor_inertia, parameters[:3], self._lanes,
-                                self._repeat)
-
-    @staticmethod
-    def has_long_branches(equations: TreeEquations, of_block: int) -> bool:
-        """
-        Return whether `forward_dynamics` takes fewer instructions here than by CRBA.
-
-        `of_block` is their number for one block of joints. By CRBA and LTDL, these are
-        about 200 for each joint, 30 for each pair of joints that carry one another, and
-        2 for each three. A joint without inertia of its own needs the mass matrix to
-        recognize a singular one.
-        """
-        if not TreeInLanes._eliminates_by_blocks(equations):
-            return False
-        links = equations.geometry
-        blocks = sum(branch.blocks for branch in branches(links))
-        # Estimated instructions of CRBA and LTDL: quadratic in the depth of each joint.
-        instructions = 0
-        for path in TreeSums(links, Lanes).paths:
-            depth = len(path)
-            instructions += 200 + 30 * depth + depth * depth
-        return blocks * of_block < instructions
-
-    @staticmethod
-    def fills_blocks(equations: TreeEquations) -> bool:
-        """Return whether matrices by blocks use at least two thirds of their lanes."""
-        if not (TreeInLanes.suits(equations)
-                and TreeInLanes._eliminates_by_blocks(equations)):
-            return False
-        blocks = sum(branch.blocks for branch in branches(equations.geometry))
-        return 3 * equations.n >= 2 * LANES * blocks
-
-    @staticmethod
-    def _eliminates_by_blocks(equations: TreeEquations) -> bool:
-        """Return whether the joints of blocks can be eliminated one after the other."""
-        if equations.without_own_inertia:
-            return False
-        return all(link.multiplier == 1.0 for link in equations.geometry)
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""
@@ -121,24 +53,8 @@ class TreeInLanes:
     def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix, (n, n), from the rows of the derivatives."""
         zeros = self.equations.zeros
-        # Without loops: terms of the velocities are zeros that a loop would compute.
-        _, _, M = self._derivative_rows(q, zeros, zeros, parameters, loops=False)
+        _, _, M = self._derivative_rows(q, zeros, zeros, parameters)
         return self._matrix(M, q)
-
-    def mass_matrix_by_blocks(self, q: Vector, parameters: Vector) -> Matrix:
-        """Return the mass matrix, (n, n), by blocks of joints in series."""
-        return self._block_matrices(q, parameters).mass_matrix()
-
-    def inverse_mass_matrix_by_blocks(self, q: Vector, parameters: Vector) -> Matrix:
-        """Return the inverse mass matrix, (n, n), by articulated inertias."""
-        return self._block_matrices(q, parameters).inverse_mass_matrix()
-
-    def _block_matrices(self, q: Vector, parameters: Vector) -> BlockMatrices:
-        """Return the loops over blocks of joints at a configuration."""
-        equations = self.equations
-        blocks = JointBlocks(equations.base_links(parameters), equations.rotor_inertia,
-                             self._lanes, self._repeat)
-        return BlockMatrices(blocks, q)
 
     def _long_branches(self) -> bool:
         """Return whether rows of L use more than half of their lanes."""
@@ -163,11 +79,9 @@ class TreeInLanes:
         """Return the Coriolis matrix, (n, n)."""
         no_gravity = np.zeros(3).astype(object)
         links = self.equations.base_links(parameters)
-        repeat = self._repeat if self._has_loops() else None
         # Half of dtau/du, which is linear in u.
         _, by_u, _ = inverse_dynamics_derivatives(links, q, 0.5 * u, self.equations.zeros,
-                                                  no_gravity, self._lanes, repeat,
-                                                  OF_RATES)
+                                                  no_gravity, self._lanes(q[0]))
         return self._matrix(by_u, q)
 
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
@@ -193,18 +107,12 @@ class TreeInLanes:
         results.append(self.inverse_mass_matrix(q, parameters))
         return np.array(results)
 
-    def _has_loops(self) -> bool:
-        """Return whether derivatives are computed by loops over parts of the tree."""
-        return self.equations.n > FEW_PARTS * LANES
-
     def _derivative_rows(self, q: Vector, u: Vector, udot: Vector,
-                         parameters: Vector, loops: bool = True) -> Any:
+                         parameters: Vector) -> Any:
         """Return rows of dtau/dq, dtau/du and M, with springs, friction and armature."""
         lanes = self._lanes(q[0])
         links = self.equations.base_links(parameters)
-        repeat = self._repeat if loops and self._has_loops() else None
-        rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3],
-                                            self._lanes, repeat)
+        rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
         # Springs, friction and armature are added by blocks of lanes;
         # blocks of zeros add nothing.
         for m, slopes in enumerate(self.equations.joint_slopes(q, u)):

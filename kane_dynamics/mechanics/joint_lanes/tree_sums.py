@@ -152,24 +152,6 @@ class TreeSums:
             distance = 2 * distance
         return sums
 
-    def over_subtrees_by_joint(self, parts: Sequence[Vector]) -> list[Vector]:
-        """
-        Return the sums of `over_subtrees` of rows of joints.
-
-        A part has the rows of its first joint, then those of the others: the result of
-        `joint_by_joint`.
-        """
-        of_joints: list[Vector] = []
-        for rows in parts:
-            of_joints.extend(np.reshape(rows, (LANES, -1)))
-        # Joints that carry others come after these.
-        for r in sorted(range(self.n), key=lambda r: -len(self.paths[r])):
-            parent = self.parents[r]
-            if parent >= 0:
-                of_joints[parent] = of_joints[parent] + of_joints[r]
-        joined = np.array(of_joints, dtype=object)
-        return list(joined.reshape(len(parts), -1))
-
     def origins(self) -> list[int]:
         """Return the last joint of the longest path in each tree."""
         deepest: dict[int, int] = {}

@@ -28,13 +28,12 @@ axes. `definition.beams` has the reference formulation.
 Beams with equally many modes can be computed together, each in a lane (`Lanes`).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.lanes import LANES
-from kane_dynamics.mechanics.algebra.vector import cross, quadratic, rate_tensor, symmetric
+from kane_dynamics.mechanics.algebra.vector import cross, quadratic, symmetric
 from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
 
@@ -43,49 +42,18 @@ BASIS = (0, 1)  # indices a of b_a
 
 Motion = tuple[Vector, Vector, Vector, Matrix]  # omega, alpha, a, U
 BeamForces = tuple[Vector, Vector, list[Scalar]]  # force, moment, modal forces
-LanesOf = Callable[[Scalar], Any]  # the functions of `Lanes` for the type of a scalar
 
 
-def bent(links: Sequence[Link], q: Vector,
-         lanes: LanesOf | None = None) -> Sequence[Link]:
-    """
-    Return the links with the modes and the pseudo-inertias of the bent beams at q.
-
-    With `lanes`, beams with equally many modes are computed together: their modes are
-    `ModesInLane`.
-    """
-    groups = _groups(links)
-    # Without lanes each beam is a group of its own.
-    if lanes is None:
-        groups = [[k] for group in groups for k in group]
+def bent(links: Sequence[Link], q: Vector) -> Sequence[Link]:
+    """Return the links with the modes and the pseudo-inertias of the bent beams at q."""
     result = list(links)
-    for group in groups:
-        for k, modes in zip(group, _modes_of([links[k] for k in group], q, lanes)):
-            inertia = links[k].pseudo_inertia + modes.pseudo_inertia
-            result[k] = replace(links[k], modes=modes, pseudo_inertia=inertia)
-    return result
-
-
-def _modes_of(links: Sequence[Link], q: Vector, lanes: LanesOf | None) -> list[Any]:
-    """Return `Modes` of one beam, or `ModesInLane` of several."""
-    if lanes is None or len(links) == 1:
-        beam = beam_integrals(links[0])
-        return [Modes(beam, q[list(beam.coordinates)])]
-    beams = BeamsInLanes(links, q, lanes(q[0]))
-    return [ModesInLane(beams, lane) for lane in range(len(links))]
-
-
-def _groups(links: Sequence[Link]) -> list[list[int]]:
-    """Return groups of at most `LANES` beams with equally many modes, as indices."""
-    by_count: dict[int, list[int]] = {}
     for k, link in enumerate(links):
         if link.beam is not None:
-            by_count.setdefault(len(link.beam.coordinates), []).append(k)
-    groups = []
-    for members in by_count.values():
-        for first in range(0, len(members), LANES):
-            groups.append(members[first:first + LANES])
-    return groups
+            beam = beam_integrals(link)
+            modes = Modes(beam, q[list(beam.coordinates)])
+            inertia = link.pseudo_inertia + modes.pseudo_inertia
+            result[k] = replace(link, modes=modes, pseudo_inertia=inertia)
+    return result
 
 
 class BeamIntegrals(NamedTuple):
@@ -286,115 +254,6 @@ class Modes:
         f_rate = self._over_modes(self._v, eta_rate)
         return (2.0 * (v @ momentum + omega @ spin)
                 + eta_rate @ (self._deflection_mass @ eta_rate) + f_rate @ f_rate)
-
-
-class BeamsInLanes:
-    """
-    Beams with equally many modes at one configuration, each in a lane.
-
-    The rows are in the axes of the beams' bodies, where the constants of similar beams
-    are equal.
-
-    Parameters
-    ----------
-    links : sequence of Link
-    q : (n,) array
-        The coordinates.
-    lanes : Lanes
-        Its functions, for the type of these coordinates.
-
-    """
-
-    def __init__(self, links: Sequence[Link], q: Vector, lanes: Any) -> None:
-        """Evaluate the modes of all beams."""
-        self.lanes = lanes
-        self.places: list[list[int]] = []
-        self.turns: list[Matrix] = []  # to link axes
-        constants = []
-        for link in links:
-            coordinates, *of_beam = own_integrals(link)
-            self.places.append(list(coordinates))
-            self.turns.append(link.body[:3, :3])
-            constants.append(of_beam)
-        # Each constant as rows, with the value of a beam in its lane.
-        rows = [self._rows(values) for values in zip(*constants)]
-        self.modes = Modes(BeamIntegrals((), *rows), self._modal(q))
-
-    def _modal(self, values: Vector) -> Vector:
-        """Return the entries of the modal coordinates of all beams as rows, (m,)."""
-        return self._rows([values[places] for places in self.places])
-
-    def _rows(self, arrays: Sequence[Any]) -> Any:
-        """Return the entries of arrays, one of each beam, as rows."""
-        stacked = np.stack([np.asarray(x, dtype=object) for x in arrays], axis=-1)
-        rows = np.empty(stacked.shape[:-1], dtype=object)
-        for place in np.ndindex(rows.shape):
-            rows[place] = self._row(stacked[place].tolist())
-        return rows if rows.shape else rows[()]
-
-    def _row(self, values: list[Scalar]) -> Any:
-        """Return a row; equal numbers are a scalar, also where lanes are left over."""
-        numbers = all(isinstance(x, (int, float)) for x in values)
-        if numbers and len(set(values)) == 1:
-            return values[0]
-        return self.lanes.pack(values)
-
-    def of_beam(self, rows: Any, lane: int) -> Any:
-        """Return the entries of an array that belong to one beam."""
-        entries = [self.lanes.lane(row, lane) for row in rows.ravel()]
-        return np.array(entries, dtype=object).reshape(rows.shape)
-
-    def in_link(self, vector: Vector, lane: int) -> Vector:
-        """Return the vector of one beam, (3,) rows, in the axes of its link."""
-        return self.turns[lane] @ self.of_beam(vector, lane)
-
-    def inertia_forces(self, motions: Sequence[Motion], u: Vector,
-                       udot: Vector) -> list[BeamForces]:
-        """Return `Modes.inertia_force` of each beam."""
-        # In the axes of the beams' bodies,
-        # where the constants of similar beams are equal.
-        own_axes = []
-        for R, (omega, alpha, a, _) in zip(self.turns, motions):
-            own_axes.append([R.T @ omega, R.T @ alpha, R.T @ a])
-        omega, alpha, a = (self._rows(vectors) for vectors in zip(*own_axes))
-        motion = (omega, alpha, a, rate_tensor(omega, alpha))
-        force, moment, modal_forces = self.modes.inertia_force(
-            motion, self._modal(u), self._modal(udot))
-        modal = np.array(modal_forces, dtype=object)
-        results = []
-        for lane in range(len(self.places)):
-            results.append((self.in_link(force, lane), self.in_link(moment, lane),
-                            self.of_beam(modal, lane).tolist()))
-        return results
-
-
-class ModesInLane:
-    """Modes of one of `BeamsInLanes`; attributes as of `Modes`."""
-
-    def __init__(self, beams: BeamsInLanes, lane: int) -> None:
-        """Store the values of one beam, in the axes of its link."""
-        modes = beams.modes
-        self.beams = beams
-        self.coordinates = tuple(beams.places[lane])
-        # From the axes of the beam's body to those of the link.
-        turn = np.eye(4)
-        turn[:3, :3] = beams.turns[lane]
-        self.pseudo_inertia = turn @ beams.of_beam(modes.pseudo_inertia, lane) @ turn.T
-        self.momentum = [beams.in_link(p, lane) for p in modes.momentum]
-        self.spin = [beams.in_link(Q, lane) for Q in modes.spin]
-        self.mass = beams.of_beam(modes.mass, lane)
-
-
-def forces_in_lanes(links: Sequence[Link], motions: Sequence[Motion], u: Vector,
-                    udot: Vector) -> Iterator[tuple[int, BeamForces]]:
-    """Yield the inertia forces of each beam that is in a lane, with its link's index."""
-    members: dict[BeamsInLanes, list[int]] = {}
-    for k, link in enumerate(links):
-        if isinstance(link.modes, ModesInLane):
-            members.setdefault(link.modes.beams, []).append(k)
-    for beams, indices in members.items():
-        yield from zip(indices, beams.inertia_forces([motions[k] for k in indices],
-                                                     u, udot))
 
 
 def _axial_vector(A: Matrix) -> Vector:

@@ -20,8 +20,6 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero,
                                                     rate_tensor, rotated_about_z,
                                                     sin_cos, symmetric)
-from kane_dynamics.mechanics.recursive.flexible_modes import (forces_in_lanes,
-                                                              ModesInLane)
 from kane_dynamics.mechanics.recursive.link import Link, Z
 from kane_dynamics.model.model import WORLD
 import numpy as np
@@ -129,14 +127,10 @@ def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Vector, Vector]:
 
 def link_forces(link: Link, motion: LinkMotion, u: Vector,
                 udot: Vector) -> tuple[Vector, Vector, list[tuple[int, Scalar]]]:
-    """
-    Return `inertia_wrench` of a link or beam, and modal forces with indices in q.
-
-    Bending of beams in lanes is left to `forces_in_lanes`, which computes it together.
-    """
+    """Return `inertia_wrench` of a link or beam, and modal forces with indices in q."""
     force, moment = inertia_wrench(link, motion)
     modes = link.modes
-    if modes is None or isinstance(modes, ModesInLane):
+    if modes is None:
         return force, moment, []
     indices = list(modes.coordinates)
     bending_force, bending_moment, modal = modes.inertia_force(
@@ -182,11 +176,6 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
         wrenches.append((force, moment))
         for k, modal_force in modal_forces:
             tau[k] = tau[k] + modal_force
-    if any(isinstance(link.modes, ModesInLane) for link in links):
-        for i, (force, moment, modal) in forces_in_lanes(links, motions, u, udot):
-            wrenches[i] = (wrenches[i][0] + force, wrenches[i][1] + moment)
-            for k, modal_force in zip(links[i].modes.coordinates, modal):
-                tau[k] = tau[k] + modal_force
 
     # Inward pass: the wrench of a subtree, projected on the axis of the joint that
     # carries it, is the joint's torque. Then it is added to the wrench of the parent.

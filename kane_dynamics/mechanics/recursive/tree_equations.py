@@ -37,12 +37,13 @@ from kane_dynamics.mechanics.friction import (bristle_energy, bristle_rate,
                                               friction_torque, has_breakaway_drop,
                                               has_bristles, load_of_drive, load_slope,
                                               require_solvable)
-from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
+from kane_dynamics.mechanics.recursive import (articulated_inertia,
+                                               center_of_mass as masses,
                                                composite_inertia, frame_kinematics,
                                                inverse_dynamics, joint_reactions,
                                                regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.recursive.flexible_modes import bent, LanesOf
+from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import (carrying, denavit_hartenberg,
                                                     homogeneous, Link, linkage, merged,
                                                     posed, regrouped)
@@ -102,13 +103,8 @@ class TreeEquations:
         if payload_frame is not None:
             self.payload_frame = model.frame(payload_frame)
         self.flexible = model.flexible
-        self._beam_lanes: LanesOf | None = None
         self.drives = model.drives
         self.is_damped = bool(self.drives or self.flexible)  # beside the joints' friction
-        # Whether several beams have equally many modes.
-        counts = [len(body.beam.coordinates) for body in model.bodies
-                  if body.beam is not None]
-        self.has_similar_beams = len(set(counts)) < len(counts)
         # Quantities that are not available for beams.
         self.unsupported = RIGID_ONLY if self.flexible else ()
         # A joint that mimics another one turns its rotor by its multiplier.
@@ -194,14 +190,8 @@ class TreeEquations:
             links = posed(links, self.model, q)
             x = joint_positions(self.model, q)
         if self.flexible:
-            links = bent(links, x, self._beam_lanes)
+            links = bent(links, x)
         return links, x
-
-    def with_beams_in_lanes(self, lanes: LanesOf) -> 'TreeEquations':
-        """Return equations that compute beams with equally many modes together."""
-        result = copy(self)
-        result._beam_lanes = lanes
-        return result
 
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""
@@ -348,7 +338,7 @@ class TreeEquations:
 
     def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                          parameters: Vector) -> Vector:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, no ABA."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL."""
         if self._free_balls:
             return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
         # M udot = tau - bias, with the bias less the external forces.
@@ -362,6 +352,24 @@ class TreeEquations:
         bias = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         M = self.mass_matrix(q, parameters)
         return solve(self.factors(M), self.order, tau - bias)
+
+    @lazy_property
+    def has_simple_joints(self) -> bool:
+        """Return whether rigid bodies have a coordinate each, and friction no load."""
+        if self.flexible or self.carries_loads:
+            return False
+        return len(self.model.bodies) == self.n == self.n_q
+
+    def accelerations_by_articulated_inertias(self, q: Vector, u: Vector, tau: Vector,
+                                              wrench: Any, parameters: Vector,
+                                              share: Share = directly) -> Vector:
+        """Return `forward_dynamics` of a tree with simple joints, (n,), in linear time."""
+        # Friction, springs and wrenches act on the joints; gravity accelerates the base.
+        torque = (self.drive_loads(u, tau) - self.spring_force(q)
+                  + self.external_force(q, wrench))
+        return articulated_inertia.forward_dynamics(
+            self.base_links(parameters), q, u, torque, self.rotor_inertia, parameters[:3],
+            share)
 
     def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector,
                                          wrench: Any,

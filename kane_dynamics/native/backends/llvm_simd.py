@@ -11,11 +11,10 @@ argument or a result is not finite: those of a sum that is +0 or NaN.
 from functools import cache
 import math
 
-from kane_dynamics.native.backends.llvm_math import (DECLARED_PERMUTE, literal,
-                                                     overflow_scale, size_limit, transpose,
-                                                     Vector, vector_type)
-from kane_dynamics.native.backends.llvm_scalar import (ELEMENTARY, Function, module_text,
-                                                       with_callees)
+from kane_dynamics.native.backends.llvm_math import (DECLARED_PERMUTE, overflow_scale,
+                                                     size_limit, transpose, Vector,
+                                                     vector_type)
+from kane_dynamics.native.backends.llvm_scalar import (ELEMENTARY, Function, with_callees)
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program
@@ -25,64 +24,6 @@ READ_AHEAD, WRITE_AHEAD = 2048, 4096  # bytes
 MAX_PREFETCHED_ROW = 64  # entries; the hardware prefetcher handles longer rows
 CACHE_LINE = 8  # doubles
 AVX512 = 8  # lanes
-# Lanes one after the other. Lanes after a batch's last state repeat it: they are left out,
-# since its result may have overwritten its arguments.
-BY_STATES = """
-define void @SYMBOL(ptr %args, ptr %bad) {
-entry:
-  %block = alloca [SLOTS x ptr]
-  %of.result = getelementptr i64, ptr %bad, i64 WIDTH
-  br label %lane
-lane:
-  %l = phi i64 [0, %entry], [%l.next, %done]
-  %first = icmp eq i64 %l, 0
-  %before = sub i64 %l, 1
-  %compared = select i1 %first, i64 0, i64 %before
-  %results = getelementptr ptr, ptr %args, i64 LAST
-  %result.at = getelementptr ptr, ptr %results, i64 %l
-  %result = load ptr, ptr %result.at
-  %other.at = getelementptr ptr, ptr %results, i64 %compared
-  %other = load ptr, ptr %other.at
-  %same = icmp eq ptr %result, %other
-  %new = xor i1 %same, true
-  %own = or i1 %first, %new
-  br i1 %own, label %state, label %done
-state:
-PLACED
-  br label %check.0
-CHECKED
-call:
-  call void @STATE(ptr %block)
-  br label %check.result
-RESULT
-done:
-  %l.next = add i64 %l, 1
-  %more = icmp ult i64 %l.next, WIDTH
-  br i1 %more, label %lane, label %end
-end:
-  ret void
-}
-"""
-# Of a row of SIZE numbers: the bits of x - x, zero where x is finite, in FLAGS.
-CHECK = """
-check.K:
-  %at.K = phi i64 [0, %FROM], [%next.K, %check.K]
-  %bits.K = phi i64 [0, %FROM], [%both.K, %check.K]
-  %x.at.K = getelementptr double, ptr ROW, i64 %at.K
-  %x.K = load double, ptr %x.at.K
-  %scaled.K = fmul double %x.K, SCALE
-  %rest.K = fsub double %scaled.K, %scaled.K
-  %own.K = bitcast double %rest.K to i64
-  %both.K = or i64 %bits.K, %own.K
-  %next.K = add i64 %at.K, 1
-  %more.K = icmp ult i64 %next.K, SIZE
-  br i1 %more.K, label %check.K, label %checked.K
-checked.K:
-  %flags.K = load i64, ptr FLAGS
-  %flagged.K = or i64 %flags.K, %both.K
-  store i64 %flagged.K, ptr FLAGS
-  br label %AFTER
-"""
 
 
 @cache
@@ -307,54 +248,3 @@ def lane_text(program: Program, symbol: str, lanes: int) -> str:
         'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)', DECLARED_PERMUTE,
         f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, {half_mask}, {part})',
         f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, {mask})'])
-
-
-def text_by_states(program: Program, symbol: str, lanes: int) -> str:
-    """
-    Return the LLVM IR of a lane kernel that computes one lane after the other.
-
-    The program is one for single states, which may use the lanes itself.
-    """
-    state = f'{symbol}_of_state'
-    # The pointers of lane %l, from the table of all lanes: one block for each call.
-    sizes = [math.prod(shape) for _, shape in program.inputs]
-    slots = len(sizes) + 1
-    placed = []
-    for k in range(slots):
-        placed += [f'  %slot{k} = getelementptr ptr, ptr %args, i64 {k * lanes}',
-                   f'  %place{k} = getelementptr ptr, ptr %slot{k}, i64 %l',
-                   f'  %row{k} = load ptr, ptr %place{k}',
-                   f'  %entry{k} = getelementptr ptr, ptr %block, i64 {k}',
-                   f'  store ptr %row{k}, ptr %entry{k}']
-
-    # All arguments but the last one, which the states share.
-    labels = []
-    for (name, _), size, k in zip(program.inputs[:-1], sizes, range(slots)):
-        if size:
-            labels.append((k, size, overflow_scale(size_limit(name))))
-    # Each check continues at the label of the next one.
-    checks = ''
-    source = 'state'
-    for number, (k, size, scale) in enumerate(labels):
-        after = 'call' if number == len(labels) - 1 else f'check.{number + 1}'
-        checks += _check(str(number), size, scale, f'%row{k}', '%bad', source, after)
-        source = f'checked.{number}'
-    result = _check('result', len(program.outputs), 1.0, f'%row{slots - 1}',
-                    '%of.result', 'call', 'done')
-    text = BY_STATES
-    for key, value in (('PLACED', '\n'.join(placed)), ('CHECKED', checks),
-                       ('RESULT', result), ('SYMBOL', symbol), ('STATE', state),
-                       ('SLOTS', str(slots)), ('WIDTH', str(lanes)),
-                       ('LAST', str((slots - 1) * lanes))):
-        text = text.replace(key, value)
-    return module_text(program, state) + text
-
-
-def _check(label: str, size: int, scale: float, row: str, flags: str, source: str,
-           after: str) -> str:
-    """Return the blocks that flag a row with numbers that are not finite or too large."""
-    text = CHECK
-    for key, value in (('SCALE', literal(scale)), ('SIZE', str(size)), ('ROW', row),
-                       ('FLAGS', flags), ('FROM', source), ('AFTER', after)):
-        text = text.replace(key, value)
-    return text.replace('.K', f'.{label}')

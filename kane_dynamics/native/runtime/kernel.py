@@ -18,7 +18,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
-from kane_dynamics.native.backends.llvm_simd import lane_text, text_by_states, width
+from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
@@ -27,7 +27,6 @@ from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, Kernel
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver,
                                                 most_of_one_thread, PROBE_CALLS, repeat,
                                                 run_batch)
-from kane_dynamics.native.tracing.latency_order import by_latency
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +135,6 @@ def _same_rows(a: Array, b: Array) -> bool:
     return address(a) == address(b) and a.strides[:1] == b.strides[:1]
 
 
-def _text_by_latency(program: Program, symbol: str) -> str:
-    """Return the code of single states, its operations in the order of latencies."""
-    return module_text(by_latency(program), symbol)
-
-
 def windows(rows: Array, length: int, step: int = 1) -> Array:
     """Return overlapping views of `length` rows each, which begin `step` rows apart."""
     count = (len(rows) - length) // step + 1
@@ -179,15 +173,6 @@ class Kernel:
         Keep the order of the program in the machine code of single states, as in that of
         batches. LLVM's scheduler would move uses of constraint rows and of their inverse
         apart, and spill more of them.
-    by_states : bool
-        Compute the states of a batch one after the other, by the program for single
-        states, where that of a batch would be much longer.
-    interleaved : bool
-        Order the operations of single states by `by_latency`.
-    level : int
-        LLVM's level of optimization for single states. With 2 it orders instructions once
-        more after the allocation of registers, which gains 3 % for steps of beams, and
-        nothing elsewhere.
     unread : int
         Number of further arguments with which calls may end, and which nothing reads: the
         time, where the robot does not depend on it.
@@ -198,8 +183,7 @@ class Kernel:
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None,
-                 in_order: bool = False, by_states: bool = False,
-                 interleaved: bool = False, level: int = 1, unread: int = 0) -> None:
+                 in_order: bool = False, unread: int = 0) -> None:
         """Store the program, and what its calls are checked with."""
         self.name = name
         self.shape = shape
@@ -209,12 +193,7 @@ class Kernel:
         # Programs are traced when code is needed: a hit of the cache traces nothing.
         self._program = program
         self._in_order = in_order
-        self._level = level
-        of_one = program if single is None else single
-        self._of_one = _text_by_latency if interleaved else module_text, of_one
-        self._of_batch = lane_text, program
-        if by_states:
-            self._of_batch = text_by_states, of_one
+        self._of_one = program if single is None else single
         self.defaults: list[Array] = []
         # Of the arguments that every call must have; a scalar is an array of one number.
         shapes: list[Shape] = []
@@ -241,16 +220,12 @@ class Kernel:
             origin_of_single = origin(single) if single else ''
             self._key = '|'.join([key, origin(program), origin_of_single,
                                   f'{inputs} {parameters.shape} {shape}'])
-            if interleaved:
-                self._key += '|interleaved'
-            if level != 1:
-                self._key += f'|level {level}'
         self._compiling = ForkSafeLock()
         # By kind of code; copies with other parameters share it.
         self._functions: dict[str, KernelFunction] = {}
 
     def _function(self, kind: str, text: Callable[[], str],
-                  in_order: bool = False, level: int = 1) -> KernelFunction:
+                  in_order: bool = False) -> KernelFunction:
         """
         Return the machine code of a text: compiled once, or from the cache on disk.
 
@@ -260,7 +235,7 @@ class Kernel:
             with logged(self.name):
                 with _TRACING.held():
                     source = text()
-                return llvm.assemble(source, level, in_order=in_order)
+                return llvm.assemble(source, in_order=in_order)
         with self._compiling.held(), gc_paused():
             if kind in self._functions:  # another thread was faster
                 return self._functions[kind]
@@ -298,9 +273,8 @@ class Kernel:
         kind = ''
         if kind in self._functions:
             return self._functions[kind]
-        text, program = self._of_one
-        return self._function(kind, lambda: text(program(), SYMBOL), self._in_order,
-                              self._level)
+        return self._function(kind, lambda: module_text(self._of_one(), SYMBOL),
+                              self._in_order)
 
     def compile_entry(self) -> None:
         """Compile the entry points of calls with one state, and the code of single states."""
@@ -309,14 +283,12 @@ class Kernel:
 
     def compile_lanes(self) -> llvm.Address:
         """Return the address of the code of batches, compiled if that was not done yet."""
-        text, program = self._of_batch
-        in_lanes = text is lane_text
-        kind = f'{width()} lanes' if in_lanes else 'by states'
+        kind = f'{width()} lanes'
         if kind not in self._functions:
             batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.
-            code = self._function(kind, lambda: text(program(), SYMBOL, width()),
-                                  in_lanes or self._in_order)
+            code = self._function(kind, lambda: lane_text(self._program(), SYMBOL, width()),
+                                  in_order=True)
             self._lanes.run = batch_driver(width()).address('run_batch')
             self._lanes.most = PROBE_CALLS * width()
             self._lanes.kernel = code.address

@@ -16,8 +16,7 @@ from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trac
 import numpy as np
 
 Shape = tuple[int, ...]
-CALLS = ('call', 'loop', 'side_by_side')  # nodes that call other functions
-STRUCTURE = ('input', 'output', *CALLS)  # nodes that are not operations
+STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_div': 'divisions', 'wide_less': 'functions', 'wide_select': 'functions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
@@ -54,12 +53,6 @@ class OperationCount:
                               self.functions + other.functions,
                               self.negations + other.negations)
 
-    def times(self, calls: int) -> 'OperationCount':
-        """Return the operations of several calls."""
-        return OperationCount(calls * self.multiplications, calls * self.additions,
-                              calls * self.divisions, calls * self.functions,
-                              calls * self.negations)
-
 
 @dataclass(frozen=True, eq=False)
 class Program:
@@ -80,9 +73,6 @@ class Program:
     nodes : list of Expr, optional
         All nodes of a finished trace, in order of creation; by default those of the trace
         of the outputs, which is still open.
-    stride : int
-        Distance of two entries of the first input in memory: more than 1 if they are of
-        one of several states, see `side_by_side`.
 
     """
 
@@ -91,7 +81,6 @@ class Program:
     outputs: tuple[Scalar, ...]
     shape: Shape
     nodes: list[Expr] | None = field(default=None, kw_only=True)
-    stride: int = field(default=1, kw_only=True)
 
     def schedule(self) -> list[Expr]:
         """Return the nodes that the outputs depend on, in order of creation."""
@@ -114,18 +103,14 @@ class Program:
 
     def operation_count(self) -> OperationCount:
         """Return the number of operations of one call, including subroutines."""
-        # Structure and placing cause no arithmetic; subroutines and loops count as
-        # often as called.
+        # Structure and placing cause no arithmetic; subroutines count as often as called.
         counts = dict.fromkeys(OperationCount.__dataclass_fields__, 0)
         kind = {'mul': 'multiplications', 'add': 'additions', 'sub': 'additions',
                 'div': 'divisions', 'neg': 'negations'}
         inner = OperationCount()
         for node in self.schedule():
-            if node.op in ('call', 'side_by_side'):
+            if node.op == 'call':
                 inner = inner + node.args[0].operation_count()
-            elif node.op == 'loop':
-                loop = node.args[0]
-                inner = inner + loop.program.operation_count().times(loop.count)
             elif node.op in ROWS:
                 # An operation on a row counts once for each lane.
                 counts[ROWS[node.op]] += LANES
@@ -145,11 +130,6 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 total += node.args[0].instruction_count(width)
-            elif node.op == 'side_by_side':
-                total += node.args[0].program.instruction_count(width)
-            elif node.op == 'loop':
-                loop = node.args[0]
-                total += loop.count * loop.program.instruction_count(width)
             # Rows take as many instructions as registers; a transpose has three stages
             # of exchanges.
             elif node.op in ROWS or node.op in ('gather', 'blend'):

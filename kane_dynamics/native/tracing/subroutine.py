@@ -3,15 +3,13 @@
 from collections.abc import Callable, Iterable, Sequence
 from itertools import count
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, Scalar
 from kane_dynamics.native.tracing.program import applied, Program, Shape, trace_program
-from kane_dynamics.native.tracing.side_by_side import SideBySide
 import numpy as np
 
 Pattern = tuple[float | None, ...]
-Called = TypeVar('Called', Program, Program | SideBySide)  # program of a subroutine
 
 
 class Subroutines:
@@ -73,7 +71,7 @@ class Subroutines:
         return trace_program(f'{name}_{next(self._numbers)}', function, inputs)
 
 
-def is_first(program: Called, named: dict[str, Called]) -> bool:
+def is_first(program: Program, named: dict[str, Program]) -> bool:
     """
     Return whether a subroutine is not among those by name yet, and add it to them.
 
