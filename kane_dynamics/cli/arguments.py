@@ -266,10 +266,19 @@ def _calibrate(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.collision_calibration import DRIFT, MARGIN
     _add_model(sub)
     _add_constraints(sub)
-    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS '
-                     '2 bag, of motion without contact; unfiltered')
-    sub.add_argument('--collision', action='store_true', required=True,
-                     help='thresholds of collision detection')
+    sub.add_argument('recording', metavar='POSES', help='table of held poses without times, '
+                     'or a recording or ROS 2 bag of an arm that is held in poses; with '
+                     '--collision a recording of motion without contact, unfiltered')
+    sub.add_argument('--loaded', metavar='POSES',
+                     help='the same of poses in which the arm carries a known load')
+    sub.add_argument('--load', metavar='FRAME', help='frame that carries the load')
+    sub.add_argument('--load-mass', type=float, default=0.0, metavar='M',
+                     help='mass of the load, kg')
+    sub.add_argument('--load-com', type=float, nargs=3, default=[0.0, 0.0, 0.0],
+                     metavar=('X', 'Y', 'Z'), help='center of mass of the load in the axes '
+                     'of the frame, m; default: its origin')
+    sub.add_argument('--collision', action='store_true',
+                     help='thresholds of collision detection instead of gravity')
     sub.add_argument('--topic',
                      help='topic of joint states in a bag (default: the only one)')
     _add_efforts(sub)
@@ -283,7 +292,8 @@ def _calibrate(sub: ArgumentParser) -> None:
                          help=f'{text}; default: %(default)g')
     _add_uncertainty(sub, 'thresholds rise by their largest torque')
     sub.add_argument('-o', '--out', metavar='YAML',
-                     help='write a parameter file for the node')
+                     help='write a supplement and a parameter file that loads it '
+                     '(NAME.node.yaml); with --collision a parameter file')
     # The calibration needs unfiltered torques, so that the recording is read as it is.
     sub.set_defaults(derive_speeds=False, cutoff=None, resample=None)
 

@@ -96,12 +96,20 @@ and --out is the supplement with the payload; with --constraints the recording i
 the actuated joints.""",
     'calibrate': """
 examples:
+  kane-dynamics calibrate arm.urdf poses.csv --out arm.supplement.yaml
+  kane-dynamics calibrate arm.urdf empty.mcap --loaded loaded.mcap --load tool0 --load-mass 0.5
   kane-dynamics calibrate arm.urdf free.csv --collision
   kane-dynamics calibrate arm.urdf free.mcap --collision --tip tool0 --out thresholds.yaml
   kane-dynamics calibrate press.urdf run.csv --collision --constraints press.yaml --json
 
-The recording is as for identify, of half a minute or more: the task at its speeds
-with its payload and no contact. Friction beyond that of the model is fitted;
+A table of held poses has the columns q.<joint> and tau.<joint>, one row a pose. Ten
+poses or more, each approached from both sides, give gravity, offsets and friction. The
+scales of the efforts can be told apart from the masses only by a known load in about
+half of the poses. --out arm.supplement.yaml also writes arm.supplement.node.yaml, which
+the node reads at once: dynamics_node --ros-args --params-file ...
+
+With --collision the recording is as for identify, of half a minute or more: the task at
+its speeds with its payload and no contact. Friction beyond that of the model is fitted;
 thresholds are 1.4 times the largest error that remains plus a tenth of the friction,
 which may change so much. --out is a parameter file: ros2 run kane_dynamics
 dynamics_node --ros-args --params-file thresholds.yaml ...""",

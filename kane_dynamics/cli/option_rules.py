@@ -17,6 +17,11 @@ NEEDS: Needs = {
                  'skew': ('drives',), 'segments': ('drives',),
                  'constraints': ('payload', 'drives')},
     'replay': {'false_alarms': ('reference',)},
+    'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands', 'uncertain',
+                                   'constraints', 'efforts', 'efforts_without_gravity',
+                                   'torque_constants', 'no_friction'), ('collision',)),
+                  'loaded': ('load',), 'load': ('loaded',), 'load_mass': ('loaded',),
+                  'load_com': ('loaded',)},
     'excite': {'loads': ('friction',)},
     'feasible': {'acceleration': ('time_optimal',), 'jerk': ('time_optimal',),
                  'torque_rate': ('time_optimal',), 'payload_com': ('payload_frame',)},
@@ -38,6 +43,7 @@ EXCLUDED: Needs = {
                             'as_recorded', 'derive_speeds', 'cutoff', 'resample', 'topic',
                             'plot', 'efforts', 'efforts_without_gravity',
                             'torque_constants')},
+    'calibrate': {'collision': ('loaded', 'load', 'load_mass', 'load_com')},
     'excite': {'friction': ('duration', 'periods', 'harmonics', 'starts', 'velocity',
                             'acceleration')},
     'feasible': {'time_optimal': ('speed', 'payload_frame', 'step'),
@@ -48,8 +54,9 @@ EXCLUDED: Needs = {
 CSV = {'out': ('.csv',)}
 ENDINGS: Needs = {
     'torque': CSV, 'feasible': CSV, 'excite': CSV, 'replay': CSV,
-    'simulate': {'out': ('.npz', '.csv')}, 'view': {'export': ('.html',)}}
-INPUTS = ('urdf', 'recording', 'reference', 'motion', 'torque', 'supplement',
+    'simulate': {'out': ('.npz', '.csv')}, 'calibrate': {'out': ('.yaml',)},
+    'view': {'export': ('.html',)}}
+INPUTS = ('urdf', 'recording', 'reference', 'loaded', 'motion', 'torque', 'supplement',
           'constraints', 'config', 'sweep')
 
 
@@ -98,10 +105,12 @@ def result_files(options: Namespace) -> list[str]:
         if path:
             files.append(path)
     out = getattr(options, 'out', None)
-    # Two commands write two files.
+    # Some commands write two files.
     if out and options.command == 'identify':
         stem = out.removesuffix('.urdf')
         files += [f'{stem}.urdf', f'{stem}.supplement.yaml']
+    elif out and options.command == 'calibrate' and not options.collision:
+        files.append(f"{out.removesuffix('.yaml')}.node.yaml")
     elif out and options.command == 'export':
         files.append(f"{out.removesuffix('.c')}.h")
     return files

@@ -31,7 +31,7 @@ COMMANDS = {
                  'identify_command.identification'),
     'excite': ('A motion to record for identify', 'excite_command.excitation'),
     'replay': ('Measured and computed torques, and what has changed', 'replay_command.replay'),
-    'calibrate': ('Collision detection calibrated to a recording',
+    'calibrate': ('Gravity by held poses; collision detection by a motion',
                   'calibrate_command.calibrate'),
     'feasible': ('Check of a motion against the limits of the joints',
                  'feasible_command.feasible'),

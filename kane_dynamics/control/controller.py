@@ -220,6 +220,11 @@ class Controller:
             self._blend.begin()
         if compensate is not None:
             self._compensate = compensate
+            arm = compensate.arm
+            if arm is not None and self.bending is not None:
+                raise InputError('compensate.arm: given for flexible links; expected rigid '
+                                 'links')
+            self._arm = None if arm is None else arm.entry(self.robot)
             self._back = compensate.of_feedback.weights
 
     def _limit_efforts(self) -> None:
@@ -375,6 +380,18 @@ class Controller:
         For a loop that has checked the arguments: `q` and `u` are (n,) float64, finite
         and contiguous, and the motion is of the robot's joints in the robot's order.
         """
+        tau = self._whole_torque(q, u, motion, moment, external, t)
+        return tau if self._arm is None else tau - self._arm_torque(q, t)
+
+    def _arm_torque(self, q: Array, t: float) -> Array:
+        """Return the torque that the arm adds for the gravity and payload it was told."""
+        assert self._arm is not None
+        force = self._arm(q, t)
+        return self._shared(force, q, t)
+
+    def _whole_torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+                      external: Array | None, t: float) -> Array:
+        """Return `torque` with the gravity that the arm itself compensates."""
         # Laws of task space are complete; the others add what is measured.
         if self._law_of_mode is not None:
             tau = self._law_of_mode.torque(q, u, motion, moment, t)
@@ -404,7 +421,8 @@ class Controller:
         """Return the torque that holds q, (n,), against gravity, or zeros without it."""
         if not self._compensate.gravity:
             return np.zeros(len(self._names))
-        return self._joint_torques(self._gravity(q, t), q, t)
+        tau = self._joint_torques(self._gravity(q, t), q, t)
+        return tau if self._arm is None else tau - self._arm_torque(q, t)
 
     def motion_torque(self, q: Array, motion: Motion, moment: float, t: float = 0.0
                       ) -> Array:
@@ -413,8 +431,8 @@ class Controller:
 
         Closed loops are on the branch of q (n_q,), the last measured configuration.
         """
-        _, tau = self._feedforward(q, motion, moment, t)
-        return tau
+        at, tau = self._feedforward(q, motion, moment, t)
+        return tau if self._arm is None else tau - self._arm_torque(at, t)
 
     def interrupted(self, motion: Motion, moment: float, duration: float) -> Motion:
         """
@@ -575,8 +593,7 @@ class Controller:
                                               t)
             return np.concatenate([q_end, u_end, rates[list(places)]])
         # A kernel for each set of terms and joints, which are constants in it.
-        weights = ''.join(str(int(weight)) for weight in terms.weights)
-        name = f'state_after_{weights}_{"_".join(map(str, places))}'
+        name = f'state_after_{terms.label}_{"_".join(map(str, places))}'
         count = robot.n_q + robot.n + len(places)
         kernel = robot.compiled(reached, name=name, q=(robot.n_q,), u=(robot.n,),
                                 tau=(robot.n_q,), elapsed=(), shape=(count,))
@@ -591,7 +608,7 @@ class Controller:
         # Joint rates of a tree: the desired state is the motion's.
         if self._direct:
             q_d, u_d, udot_d = motion.sample(moment)
-            tau = self._compensate.inverse_dynamics(self._source, q_d, u_d, udot_d)
+            tau = self._compensate.whole_inverse_dynamics(self._source, q_d, u_d, udot_d)
             return q_d, tau
         # Loops and chosen speeds: the state of all joints follows from that of some.
         (q_d, u_d, udot_d), accelerations = self._motion.state(q, motion, moment, t)

@@ -109,6 +109,8 @@ def _held(robot: Robot, terms: Terms, q: Vector, u: Vector, parameters: Vector,
     weights = terms.weights.copy()
     weights[FRICTION] = 0.0
     held: Vector = weights @ rows
+    if terms.arm is not None:
+        held = held - terms.arm.force(robot, q, parameters, t)
     # Of friction, what acts without a motion: the offsets.
     if terms.friction:
         motion = equations.at_rest(q, t)
@@ -133,7 +135,10 @@ def stopping_torque(robot: Robot, terms: Terms, q: Vector, u: Vector, elapsed: S
 
     """
     motion = stopping_motion(q, u, elapsed, duration)
-    return motion_torque(robot, terms, *motion, parameters)
+    torque = motion_torque(robot, terms, *motion, parameters)
+    if terms.arm is not None:
+        torque = torque - terms.arm.force(robot, motion[0], parameters)
+    return torque
 
 
 def stopping_motion(q: Vector, u: Vector, elapsed: Scalar, duration: Scalar

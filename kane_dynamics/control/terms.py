@@ -9,6 +9,7 @@ from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.arm_gravity import ArmGravity
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.feedforward_friction import changes_friction, feedforward_change
@@ -42,12 +43,18 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class Terms:
-    """Torque terms of the command; False for terms that the arm compensates itself."""
+    """
+    Torque terms of the command; False for terms that the arm compensates itself.
+
+    With `arm` the arm compensates that gravity, and the command contains the difference:
+    `gravity` is True then.
+    """
 
     gravity: bool = True
     coriolis: bool = True
     inertia: bool = True
     friction: bool = True
+    arm: ArmGravity | None = None
 
     @classmethod
     def beside(cls, arm_compensates: Collection[str]) -> Terms:
@@ -66,13 +73,14 @@ class Terms:
 
         """
         added = stated_terms(arm_compensates, 'arm_compensates')
-        return cls(**{name: False for name in added if name != NO_TERM})
+        switches: Any = {name: False for name in added if name != NO_TERM}
+        return cls(**switches)
 
     def __post_init__(self) -> None:
         """Raise InputError unless each switch is True or False."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if not isinstance(value, bool | np.bool_):
+            if field.name != 'arm' and not isinstance(value, bool | np.bool_):
                 raise InputError(f'{field.name}: {value!r}; expected True or False')
 
     @lazy_property
@@ -80,6 +88,12 @@ class Terms:
         """Return a weight for each row of `torque_terms`; the springs have no switch."""
         switches = [getattr(self, name, True) for name in TORQUE_TERMS]
         return np.array(switches, dtype=np.float64)
+
+    @lazy_property
+    def label(self) -> str:
+        """Return a name that distinguishes kernels of these terms."""
+        words = ''.join(str(int(weight)) for weight in self.weights)
+        return words if self.arm is None else f'{words}_{self.arm.label}'
 
     @lazy_property
     def of_feedback(self) -> Terms:
@@ -102,6 +116,14 @@ class Terms:
 
         Its friction is that of the choice `feedforward_friction`.
         """
+        tau = self.whole_inverse_dynamics(source, q, u, udot, **time)
+        if self.arm is not None and isinstance(source, Robot):
+            tau = tau - self.arm.force_at(source, q, **time)
+        return tau
+
+    def whole_inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
+                               udot: Array, **time: Any) -> Array:
+        """Return `inverse_dynamics` with the gravity that the arm itself compensates."""
         tau: Array
         # All terms: one inverse dynamics. Otherwise the sum of the terms that are
         # switched on.

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics.control.arm_gravity import ArmGravity
 from kane_dynamics.control.computed_torque import (corrected_acceleration,
                                                    followed_friction, followed_rates,
                                                    law_of)
@@ -94,6 +95,17 @@ class TracedLaw(NamedTuple):
     holds: bool = False
     variant: tuple[str, ...] = ()
     closes: bool = False
+
+    def beside(self, robot: Robot, arm: ArmGravity | None) -> 'TracedLaw':
+        """Return the law without the gravity that the arm adds at the measured positions."""
+        if arm is None:
+            return self
+
+        def torque(at: LawInput) -> tuple[Vector, Vector]:
+            tau, memory = self.torque(at)
+            force = arm.force(robot, at.q, at.parameters)
+            return tau - robot.equations.joint_torques(force, at.q), memory
+        return self._replace(torque=torque)
 
     def of_joints(self, places: Sequence[int]) -> 'TracedLaw':
         """Return the law with the torques of some of its joints alone."""

@@ -28,7 +28,8 @@ from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FUTURE, NANO, N
                                                        OFF_BRANCH, OUT_OF_ORDER, REFUSED,
                                                        STALE, WAITING)
 from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,
-                                                         state_memory_size, StateMemory)
+                                                         state_memory_size, StateMemory,
+                                                         with_absent_speeds)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
                                                    flag, packed)
@@ -620,15 +621,30 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     stalled = in_time * _stalled(path, event, settings)
     path = changed_if(stalled, path, partial(_after_stall, now=now))
     moment = moment_of(event)
-    turned = np.where(turning, settings.turned, 0.0)
-    longest_gap = MOST_PERIODS * path.period + 1.0
-    longest_gap = select(longest_gap < settings.grace, longest_gap, settings.grace)
-    check = CheckSettings(settings.timeout, settings.grace, longest_gap, settings.compares,
-                          settings.compares_speeds, turned, settings.bounds)
+    check = _check_settings(path, settings, turning)
     result, states = judged(path.states, moment, state, check)
     heard = path.with_states(states)._replace(last_heard=moment, reason=result,
                                               period=_period(path, moment))
     return branch(in_time, heard, path._replace(reason=reason))
+
+
+def with_speeds(path: PathState, event: Event, state: Vector, settings: CycleSettings,
+                turning: Flags) -> Vector:
+    """Return a state with derived speeds in place of those that are NaN, as in `judge`."""
+    count = len(path.states.accepted)
+    filled, _ = with_absent_speeds(path.states, moment_of(event), state[:count],
+                                   _check_settings(path, settings, turning))
+    return np.concatenate([filled, state[count:]])
+
+
+def _check_settings(path: PathState, settings: CycleSettings, turning: Flags
+                    ) -> CheckSettings:
+    """Return the settings by which a state is judged."""
+    turned = np.where(turning, settings.turned, 0.0)
+    longest_gap = MOST_PERIODS * path.period + 1.0
+    longest_gap = select(longest_gap < settings.grace, longest_gap, settings.grace)
+    return CheckSettings(settings.timeout, settings.grace, longest_gap, settings.compares,
+                         settings.compares_speeds, turned, settings.bounds)
 
 
 def _period(path: PathState, moment: Scalar) -> Scalar:

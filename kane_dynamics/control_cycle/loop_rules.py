@@ -257,6 +257,9 @@ class LoopRules:
         force = followed_feedforward(self.robot, self._terms, self.joints, desired,
                                      parameters)
         assert desired.configuration is not None
+        if self._terms.arm is not None:
+            force = force - self._terms.arm.force(self.robot, desired.configuration,
+                                                  parameters)
         torque = commanded_torques(self.robot, self.joints, force, desired.configuration,
                                    limits)
         # Loops that do not close along the stop leave the last torque.

@@ -8,7 +8,8 @@ or, within the grace time, its measured speeds explain where it is: an offset of
 does not become possible as time passes.
 
 Speeds that contradict the positions are no reason to refuse a state, because its positions
-still say where the arm is: the laws use speeds from the positions then.
+still say where the arm is: the laws use speeds from the positions then. They do so for a
+joint whose speed is NaN, too: it counts as absent.
 """
 
 import math
@@ -125,7 +126,10 @@ class StateMemory(NamedTuple):
         q, u = np.split(state, 2)
         is_compared = flag(self.compared_at < moment + 0.5) * flag(
             moment < self.compared_at + 0.5)
-        accepted = np.concatenate([q, either(is_compared, self.trusted, u)])
+        stated = []
+        for j, speed in enumerate(u):
+            stated.append(either(is_number(speed), speed, self.derived[j]))
+        accepted = np.concatenate([q, either(is_compared, self.trusted, np.array(stated))])
         return self._replace(known=1.0, stamp=moment, frozen_at=NEVER, accepted=accepted,
                              jumped=0.0 * self.jumped)
 
@@ -249,8 +253,41 @@ def jumped_joints(memory: StateMemory, moment: Scalar, state: Vector, last: Vect
     return np.array(jumped)
 
 
+def is_number(x: Scalar) -> Scalar:
+    """Return 0 for NaN, else 1; infinite numbers are numbers."""
+    return select(x < 1.0, 1.0, flag(x > 0.0))
+
+
+def with_absent_speeds(memory: StateMemory, moment: Scalar, state: Vector,
+                       settings: CheckSettings) -> tuple[Vector, Vector]:
+    """Return the state with speeds from positions for those that are NaN, and where, (n,)."""
+    q, u = np.split(state, 2)
+    q_last, _ = np.split(memory.compared, 2)
+    _, _, fastest, _, _ = np.split(settings.bounds, 5)
+    gap = (moment - memory.compared_at) / NANO
+    counts = flag(gap > 0.0) * flag(NANO * gap < settings.longest_gap)
+    present = np.array([is_number(speed) for speed in u])
+    speeds = []
+    for j, turned in enumerate(settings.turned):
+        rate = _moved(q[j], q_last[j], turned) / either(counts, gap, 1.0)
+        smooth = memory.derived[j] + gap / (gap + DERIVED_WITHIN) * (rate - memory.derived[j])
+        derived = clipped(either(counts, smooth, 0.0), -fastest[j], fastest[j])
+        speeds.append(either(present[j], u[j], derived))
+    return np.concatenate([q, speeds]), 1.0 - present
+
+
+def _moved(q: Scalar, q_last: Scalar, turned: Scalar) -> Scalar:
+    """Return the motion of a joint without a whole turn that its angle jumped by."""
+    moved = q - q_last
+    if is_zero(turned):
+        return moved
+    whole = select(moved > math.pi, 2.0 * math.pi,
+                   select(moved < -math.pi, -2.0 * math.pi, 0.0))
+    return moved - turned * whole
+
+
 def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
-                         settings: CheckSettings) -> StateMemory:
+                         settings: CheckSettings, absent: Vector) -> StateMemory:
     """
     Return the memory that has compared the speeds of a state with its positions.
 
@@ -270,11 +307,7 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
     enough = flag(comparisons > COMPARISONS)
     rows = []
     for j, turned in enumerate(settings.turned):
-        moved = q[j] - q_last[j]
-        if not is_zero(turned):
-            whole = select(moved > math.pi, 2.0 * math.pi,
-                           select(moved < -math.pi, -2.0 * math.pi, 0.0))
-            moved = moved - turned * whole
+        moved = _moved(q[j], q_last[j], turned)
         predicted = 0.5 * (u[j] + u_last[j]) * gap
         farther = select(_size(moved) < _size(predicted), _size(predicted), _size(moved))
         # One false speed counts twice, with the one before and after, and must not suffice.
@@ -284,7 +317,8 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
         reach = step[j] + slope[j] * gap
         reach = select(reach < FARTHEST, reach, FARTHEST)
         near = counts * between(-reach, moved, reach)
-        deviation = left * (memory.deviation[j] + either(near, away, 0.0))
+        compared = near * (1.0 - absent[j])
+        deviation = left * (memory.deviation[j] + either(compared, away, 0.0))
         path = left * (memory.path[j] + either(near, clipped(farther, 0.0, most), 0.0))
         wrong = flag(step[j] + LATE_SHARE * path < _size(deviation))
         wrong = either(memory.wrong[j], 1.0, wrong * enough * settings.compares_speeds)
@@ -379,7 +413,8 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     # A state without an earlier one that is recent enough is the first.
     recent = flag(moment - memory.stamp < settings.timeout + 1.0)
     has_earlier = memory.known * either(memory.confirmed, 1.0, recent)
-    measured = state[:len(memory.accepted)]
+    measured, absent = with_absent_speeds(memory, moment, state[:len(memory.accepted)],
+                                          settings)
     last = either(has_earlier, memory.accepted, measured)
     # After a lasting fault, no more than the grace time counts.
     until = select(memory.frozen_at < moment, memory.frozen_at, moment)
@@ -388,7 +423,7 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     elapsed = has_earlier * select(elapsed > 0.0, elapsed, 0.0)
     jumped = jumped_joints(memory, moment, measured, last, elapsed, settings)
     fault = state_fault(measured, settings.bounds, jumped, memory.wrong)
-    is_finite = finite(state)
+    is_finite = finite(measured) * finite(state[len(measured):])
     fault = either(is_finite, fault, float(NOT_FINITE))
     judged_memory = memory._replace(elapsed=elapsed)
     is_possible = flag(fault < 0.5)
@@ -396,7 +431,7 @@ def judged(memory: StateMemory, moment: Scalar, state: Vector, settings: CheckSe
     compares = either(is_possible, 1.0, is_finite * flag(fault < TOO_FAST + 0.5) * flag(
         fault > TOO_FAST - 0.5))
     judged_memory = branch(compares, with_compared_speeds(
-        judged_memory, moment, measured, settings), judged_memory)
+        judged_memory, moment, measured, settings, absent), judged_memory)
     with_state = judged_memory.kept(moment, measured)
 
     # The jump of a state that is not the first is remembered.

@@ -17,6 +17,10 @@ from kane_dynamics.identification.friction_laws import CandidateErrors
 from kane_dynamics.identification.model_watch import ModelChange, ModelWatch, WatchReport
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
+from kane_dynamics.identification.poses.calibrate_poses import (calibrate_poses,
+                                                                PoseCalibration)
+from kane_dynamics.identification.poses.held_poses import (held_poses, HeldPoses,
+                                                           read_poses)
 from kane_dynamics.identification.recordings.diagnosis import diagnose, RecordingFault
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
@@ -25,9 +29,10 @@ from kane_dynamics.identification.regression import rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration',
            'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation',
-           'Identification', 'ModelChange', 'ModelWatch', 'Payload', 'PayloadEstimator',
-           'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
-           'base_parameters', 'base_speeds',
-           'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_motion',
-           'identify', 'identify_drives', 'identify_payload',
-           'read_drive_recording', 'read_recording', 'rows', 'torque_delays']
+           'HeldPoses', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
+           'PayloadEstimator', 'PoseCalibration', 'Recording', 'RecordingFault',
+           'TorqueDelays', 'WatchReport', 'base_parameters', 'base_speeds',
+           'calibrate_collision', 'calibrate_poses', 'diagnose', 'excite', 'fit_base',
+           'friction_motion', 'held_poses', 'identify', 'identify_drives',
+           'identify_payload', 'read_drive_recording', 'read_poses', 'read_recording',
+           'rows', 'torque_delays']

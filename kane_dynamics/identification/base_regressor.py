@@ -123,6 +123,11 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))
     X = full_regressor(rows(without_losses(model), sample), friction_speeds)
     X = X.reshape(-1, X.shape[2])
+    return combinations(X, unknown_names(model))
+
+
+def combinations(X: Array, names: Sequence[str]) -> BaseParameters:
+    """Return the independent combinations of the unknowns with these columns of equations."""
     # Without scaling, pivots prefer columns of bodies late in the tree.
     _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
     diagonal = np.abs(np.diag(R))
@@ -139,11 +144,10 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
 
     # In the order of the unknowns instead of that of the pivots.
     by_unknown = np.argsort(independent)
-    names = unknown_names(model)
-    combinations = []
+    words = []
     for k in by_unknown:
-        combinations.append(_combination(B[k], int(independent[k]), names))
-    return BaseParameters(tuple(combinations), independent[by_unknown], B[by_unknown])
+        words.append(_combination(B[k], int(independent[k]), names))
+    return BaseParameters(tuple(words), independent[by_unknown], B[by_unknown])
 
 
 def _combination(row: Array, own: int, names: Sequence[str]) -> str:

@@ -51,16 +51,7 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
         If the URDF cannot be read, or is not that of the model.
 
     """
-    links = {frame.name for frame in model.frames}
-    bodies = {body.name: body for body in model.bodies}
-    strange = sorted(set(bodies) - links)
-    if strange:
-        raise InputError(f'bodies {strange}: no links of the URDF; expected a model '
-                         'without floating or planar joints')
-    inertials = _link_inertials(source, model)
-    # Frames behind fixed joints ride on a body: its inertia covers them.
-    riders = [frame.name for frame in model.frames
-              if frame.body != WORLD and frame.name not in inertials]
+    inertials, riders = _inertials(source, model)
 
     # The URDF has damping and friction, the supplement all other properties.
     losses = {}
@@ -71,6 +62,52 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
         joints[joint.name] = _passive(joint)
     urdf = rewritten(source, inertials, riders, losses)
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
+
+
+def written_links(source: str | bytes | os.PathLike[str], model: Model,
+                  supplement: str | os.PathLike[str] | None = None) -> str:
+    """
+    Return the text of a supplement with the inertials of a model.
+
+    Parameters
+    ----------
+    source, model
+        As of `written`, which has the same inertials.
+    supplement : path, optional
+        Former supplement; its comments are lost. Its payload is part of the model, and
+        is left out.
+
+    """
+    content: Any = {}
+    if supplement is not None:
+        read_supplement(supplement)  # raises of an invalid one
+        content = yaml.safe_load(Path(supplement).read_bytes()) or {}
+    content.pop('payload', None)
+    inertials, riders = _inertials(source, model)
+    links: dict[str, Any] = {}
+    for name, inertial in inertials.items():
+        moments = dict(zip(INERTIA_KEYS, six(inertial), strict=True))
+        links[name] = {'mass': float(inertial.mass), 'com': inertial.com.tolist(),
+                       'inertia': moments}
+    for name in riders:
+        links[name] = {'mass': 0.0}
+    return yaml.safe_dump({**content, 'links': links}, sort_keys=False,
+                          default_flow_style=None)
+
+
+def _inertials(source: str | bytes | os.PathLike[str],
+               model: Model) -> tuple[dict[str, Inertial], list[str]]:
+    """Return the inertials of links that joints move, and the links that have none then."""
+    links = {frame.name for frame in model.frames}
+    strange = sorted({body.name for body in model.bodies} - links)
+    if strange:
+        raise InputError(f'bodies {strange}: no links of the URDF; expected a model '
+                         'without floating or planar joints')
+    inertials = _link_inertials(source, model)
+    # Frames behind fixed joints ride on a body: its inertia covers them.
+    riders = [frame.name for frame in model.frames
+              if frame.body != WORLD and frame.name not in inertials]
+    return inertials, riders
 
 
 def _passive(joint: Joint) -> dict[str, float]:

@@ -19,7 +19,7 @@ from kane_dynamics.urdf.document import Element, parse, rebuilt
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select_joints, Selection
-from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
+from kane_dynamics.urdf.supplement import check_names, read_supplement, Supplement
 from kane_dynamics.urdf.tree import build_tree, ROOT_PARENT, UrdfTree, with_root_joint
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,7 +69,9 @@ def _model(root: Element, supplement: Any, notices: Notices, *, base: str | None
                               drop=drop)
     extra = read_supplement(supplement)
     singles = selection.singles.values()
-    check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
+    check_names(extra, [single.name for single in singles if single.kind != 'fixed'],
+                tree.links)
+    tree = replace(tree, links={**tree.links, **extra.links})
     model = assemble_model(tree, selection, extra, gravity, notices)
     if notices.faults:
         return model

@@ -21,6 +21,12 @@ Schema; every key is optional unless noted::
         friction_offset: 0.1    # added at any rate, N m or N
         presliding_stiffness: 500.0  # of bristles, N m/rad or N/m, >= 0; default: none
         presliding_damping: 2.0 # of their rate, N m s/rad or N s/m, >= 0; default 0
+    links:
+      <link>:                   # replaces the inertial of the URDF
+        mass: 1.5               # required: kg, >= 0
+        com: [0.0, 0.0, 0.05]   # center of mass from the link's origin, m; default 0
+        inertia:                # about com, in the link's axes, kg m^2; default 0
+          {ixx: 0.01, iyy: 0.01, izz: 0.01, ixy: 0.0, ixz: 0.0, iyz: 0.0}
     payload:
       link: tool0               # required: the link that carries it
       mass: 2.0                 # required: kg, >= 0
@@ -87,18 +93,19 @@ BEAM_KEYS = ('length',
              'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass',
              'torsion')
 TORSION_KEYS = ('stiffness', 'inertia', 'modes', 'tip_inertia')
-PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
+INERTIAL_KEYS = ('mass', 'com', 'inertia')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
 @dataclass(frozen=True)
 class Supplement:
-    """Values and drives by joint; the payload's link and inertial; beams by link."""
+    """Values and drives by joint; the payload's link and inertial; beams, inertials by link."""
 
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     payload: tuple[str, Inertial] | None = None
     beams: dict[str, FlexibleLink] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)
+    links: dict[str, Inertial] = field(default_factory=dict)
 
 
 def read_supplement(
@@ -118,7 +125,7 @@ def read_supplement(
         return Supplement()
     data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
     # Unknown keys are errors: a misspelled one would be ignored.
-    top = mapping(data, 'supplement', ('joints', 'payload', 'beams', 'drives'))
+    top = mapping(data, 'supplement', ('joints', 'payload', 'beams', 'drives', 'links'))
     joints = {}
     for name, entry in mapping(top.get('joints', {}), 'supplement: joints').items():
         joints[name] = _joint(name, entry)
@@ -131,11 +138,20 @@ def read_supplement(
     drives = {}
     for name, entry in mapping(top.get('drives', {}), 'supplement: drives').items():
         drives[name] = _drive(name, entry)
-    return Supplement(joints, payload, beams, drives)
+    links = {}
+    for name, entry in mapping(top.get('links', {}), 'supplement: links').items():
+        what = f"supplement: link '{name}'"
+        links[name] = _inertial(mapping(entry, what, INERTIAL_KEYS), what)
+    return Supplement(joints, payload, beams, drives, links)
 
 
-def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
-    """Raise UrdfError if the supplement names a joint that is not in `valid`."""
+def check_names(supplement: Supplement, valid: Collection[str],
+                links: Collection[str]) -> None:
+    """Raise UrdfError if the supplement names a joint or a link that the URDF lacks."""
+    for name in supplement.links:
+        if name not in links:
+            raise UrdfError(f"supplement: links: no link '{name}' in the URDF; expected "
+                            f'some of {listing(links)}')
     for key, names in (('joints', supplement.joints), ('drives', supplement.drives)):
         for name in names:
             if name not in valid:
@@ -268,14 +284,17 @@ def _torsion(data: Any, what: str) -> Torsion:
 def _payload(data: Any) -> tuple[str, Inertial]:
     """Return the link and the inertial of the payload."""
     what = 'supplement: payload'
-    entry = mapping(data, what, PAYLOAD_KEYS)
-    for key in ('link', 'mass'):
-        if key not in entry:
-            raise UrdfError(f"{what}: no '{key}'; expected link and mass, and "
-                            'optionally com and inertia')
-    if not isinstance(entry['link'], str):
-        raise UrdfError(f'{what}: link {SHORT.repr(entry["link"])}; expected the name '
-                        'of a link')
+    entry = dict(mapping(data, what, ('link', *INERTIAL_KEYS)))
+    link = entry.pop('link', None)
+    if not isinstance(link, str):
+        raise UrdfError(f'{what}: link {SHORT.repr(link)}; expected the name of a link')
+    return link, _inertial(entry, what)
+
+
+def _inertial(entry: Mapping[str, Any], what: str) -> Inertial:
+    """Return the inertial of a payload or a link."""
+    if 'mass' not in entry:
+        raise UrdfError(f"{what}: no 'mass'; expected it, and optionally com and inertia")
     com = entry.get('com', (0.0, 0.0, 0.0))
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
         raise UrdfError(f'{what}: com {SHORT.repr(com)}; expected three numbers, m')
@@ -293,4 +312,4 @@ def _payload(data: Any) -> tuple[str, Inertial]:
                          f'{principal.moments[0]:g} kg m^2; expected no negative one')
     mass = _number(entry['mass'], f'{what}: mass')
     center = [_number(coordinate, f'{what}: com', signed=True) for coordinate in com]
-    return entry['link'], Inertial(mass, np.array(center), inertia)
+    return Inertial(mass, np.array(center), inertia)

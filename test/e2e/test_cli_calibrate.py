@@ -2,6 +2,7 @@
 
 import json
 
+from held_arms import held, held_arm
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.parser import main
@@ -13,6 +14,7 @@ import yaml
 
 URDF = str(resource_path('urdf', 'two_link.urdf'))
 CALIBRATE = ['calibrate', URDF, '--collision']
+SCALE = [0.8, -1.3, 1.1]
 LACKING = np.array([0.3, -0.2])  # N m, of Coulomb friction
 
 
@@ -70,3 +72,54 @@ def test_uncertain_parameters_raise_the_thresholds(recording, capsys):
         assert main([*CALIBRATE, recording, '--json', *uncertain]) == 0
         thresholds.append(json.loads(capsys.readouterr().out)['threshold'])
     assert (np.subtract(thresholds[1], thresholds[0]) > 0.05).all()
+
+
+# Gravity by held poses.
+
+NAMES = 'j1', 'j2', 'j3'
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """Return the folder of a wrong URDF, and tables of poses without and with a load."""
+    rng = np.random.default_rng(2)
+    true = held_arm(3, rng)
+    (tmp_path / 'arm.urdf').write_text(true.urdf(true.masses * [2.0, 0.5, 0.7]))
+    header = ','.join(f'{word}.{name}' for word in ('q', 'tau') for name in NAMES)
+    for name, load in (('empty', 0.0), ('loaded', 0.5)):
+        poses = held(true, rng.uniform(-1.5, 1.5, (15, 3)), SCALE, rng, load=load)
+        np.savetxt(tmp_path / f'{name}.csv', np.hstack([poses.q, poses.effort]),
+                   delimiter=',', header=header, comments='')
+    return tmp_path, true
+
+
+def test_poses_with_a_load_give_a_supplement_and_parameters_of_the_node(arm, capsys):
+    folder, true = arm
+    out = folder / 'arm.yaml'
+    assert main(['calibrate', str(folder / 'arm.urdf'), str(folder / 'empty.csv'),
+                 '--loaded', str(folder / 'loaded.csv'), '--load', 'l3', '--load-mass',
+                 '0.5', '--load-com', '0', '0', '0.1', '--out', str(out)]) == 0
+    printed = capsys.readouterr()
+    assert not printed.err
+    assert '60 held poses' in printed.out
+    node = yaml.safe_load((folder / 'arm.node.yaml').read_text())
+    parameters = node['/**']['ros__parameters']
+    assert parameters['supplement'] == str(out)
+    np.testing.assert_allclose(parameters['efforts']['scale'], SCALE, rtol=0.02)
+    robot = Robot(load_urdf(folder / 'arm.urdf', supplement=out))
+    for q in np.random.default_rng(0).uniform(-1.5, 1.5, (10, 3)):
+        np.testing.assert_allclose(robot.gravity_force(q), true.holding_torque(q),
+                                   atol=0.1)
+
+
+def test_poses_without_a_load_say_what_cannot_be_told_apart(arm, capsys):
+    folder, _ = arm
+    assert main(['calibrate', str(folder / 'arm.urdf'), str(folder / 'empty.csv'),
+                 '--json']) == 0
+    printed = capsys.readouterr()
+    assert 'masses cannot be told apart at j1, j2, j3' in printed.err
+    data = json.loads(printed.out)
+    assert data['scale_deviation'] == [None, None, None]
+    assert data['not_told_apart'] == ['j1', 'j2', 'j3']
+    assert len(data['further_poses']) == 5
+    assert (np.array(data['rms_held_out']) < 0.3 * np.array(data['rms_before'])).all()

@@ -40,7 +40,7 @@ RESULTS = frozenset((
     'identification.BaseFit',
     'identification.BaseParameters', 'identification.CollisionCalibration',
     'identification.Excitation', 'identification.Identification',
-    'identification.Payload',
+    'identification.Payload', 'identification.PoseCalibration',
     'identification.RecordingFault', 'identification.TorqueDelays',
     'identification.DriveIdentification', 'optimal_control.OptimizedMotion',
     'sweep.Summary', 'PosePath', 'Uncertainty', 'Model', 'identification.WatchReport',
@@ -49,6 +49,7 @@ ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
     'view.Window', 'sweep.run_sweep', 'sweep.read_table',
     'identification.read_drive_recording', 'identification.read_recording',
+    'identification.read_poses',
     'expand_xacro', 'load_mjcf', 'load_collision_shapes',
     'plot.plot_demand', 'plot.plot_energy', 'plot.plot_phase', 'plot.plot_reactions',
     'plot.plot_sweep', 'plot.plot_timing', 'plot.plot_torque_by_source',
@@ -58,7 +59,8 @@ SLOW = frozenset(
     ('identification.excite', 'identification.identify', 'sweep.Sweep',
      'optimal_control.TrajectoryOptimizer', 'closed_forms.derivation',
      'feasibility.time_optimal', 'identification.diagnose', 'cartesian_motion',
-     'identification.calibrate_collision', 'identification.torque_delays',
+     'identification.calibrate_collision', 'identification.calibrate_poses',
+     'identification.torque_delays',
      'identification.identify_drives'))
 # Methods without numbers, of processes and files, or of the tracer (`geometry`).
 LEFT_OUT = frozenset((

@@ -1,15 +1,22 @@
-"""The command `calibrate`: collision detection calibrated to a recording."""
+"""The command `calibrate`: gravity by held poses, or collision detection by a motion."""
 
 from argparse import Namespace
+import os
 from typing import Any
 
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import load_robot, uncertainty_of
+from kane_dynamics.cli.robot_options import (every_joint, load_robot, source_of,
+                                             uncertainty_of)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
+from kane_dynamics.identification.poses.calibrate_poses import (calibrate_poses,
+                                                                PoseCalibration)
+from kane_dynamics.identification.poses.held_poses import HeldPoses, read_poses
+from kane_dynamics.identification.result_files import written_links
+from kane_dynamics.model.model import Inertial
 import numpy as np
 import yaml
 
@@ -18,6 +25,16 @@ CURVES = ('coulomb', 'damping', 'offset')
 
 
 def calibrate(options: Namespace) -> None:
+    """Calibrate gravity and scales, or collision detection; print the result, or write it."""
+    if options.collision:
+        _calibrate_collision(options)
+    else:
+        _calibrate_gravity(options)
+
+
+# Collision detection.
+
+def _calibrate_collision(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
     model, robot = load_robot(options)
     states = recorded(options, model, recorded_joints(robot))
@@ -50,7 +67,7 @@ def calibrate(options: Namespace) -> None:
     if options.json:
         print_json(data)
     else:
-        _print_data(data)
+        _print_collision(data)
 
 
 def node_parameters(calibration: CollisionCalibration) -> dict[str, Any]:
@@ -83,7 +100,7 @@ def remarks(calibration: CollisionCalibration) -> list[str]:
     return lines
 
 
-def _print_data(data: dict[str, Any]) -> None:
+def _print_collision(data: dict[str, Any]) -> None:
     """Print thresholds, errors and the friction beyond the model."""
     print(f'{data["rows"]} rows; largest external torque without contact, with the '
           'friction of the model and with the fitted one; N m or N')
@@ -104,3 +121,100 @@ def _print_data(data: dict[str, Any]) -> None:
 def _rounded(values: Any) -> list[float]:
     """Return numbers with few significant digits."""
     return [float(f'{value:.{DIGITS}g}') for value in np.asarray(values).tolist()]
+
+
+# Gravity.
+
+def _calibrate_gravity(options: Namespace) -> None:
+    """Calibrate gravity by held poses; print the result, and write the supplement."""
+    model, _ = load_robot(options)
+    numbered = every_joint(options)
+
+    def poses(path: str) -> HeldPoses:
+        return read_poses(path, model.joint_names, options.topic, numbered=numbered)
+    loaded = None
+    load = None
+    if options.loaded:
+        com = np.array(options.load_com)
+        load = options.load, Inertial(options.load_mass, com, np.zeros((3, 3)))
+        loaded = poses(options.loaded)
+    empty = poses(options.recording)
+    result = calibrate_poses(model, empty, loaded=loaded, load=load)
+    for remark in gravity_remarks(result):
+        warn(remark)
+    files = []
+    if options.out:
+        files = write_calibration(options, result)
+    data = gravity_data(result, len(empty) + (0 if loaded is None else len(loaded)), files)
+    if options.json:
+        print_json(data)
+    else:
+        print_gravity(data)
+
+
+def write_calibration(options: Namespace, result: PoseCalibration) -> list[str]:
+    """Write the supplement, and the node's parameters that load it; return their names."""
+    text = written_links(source_of(options), result.model, options.supplement)
+    stem = options.out.removesuffix('.yaml')
+    parameters = {'supplement': os.path.abspath(options.out),
+                  'efforts': {'scale': _rounded(result.scale)}}
+    content = {'/**': {'ros__parameters': parameters}}
+    files = [options.out, f'{stem}.node.yaml']
+    texts = text, yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    for path, written in zip(files, texts, strict=True):
+        with whole_file(path) as stream:
+            stream.write(written)
+    return files
+
+
+def gravity_remarks(result: PoseCalibration) -> list[str]:
+    """Return remarks on scales that the poses do not determine."""
+    lines = []
+    if result.not_told_apart:
+        lines.append('scales of efforts and masses cannot be told apart at '
+                     f'{", ".join(result.not_told_apart)}: the result has the masses nearest '
+                     'to those of the model; expected further poses with a known load '
+                     '(--loaded) for true masses. Torques that hold the arm are right '
+                     'nevertheless, if the node takes both the supplement and efforts.scale')
+    weightless = np.array(result.model.joint_names)[~result.sees_gravity]
+    if len(weightless):
+        lines.append(f'{", ".join(weightless.tolist())}: gravity does not load these joints '
+                     'in any pose; their scales are not known')
+    return lines
+
+
+def gravity_data(result: PoseCalibration, count: int, files: list[str]) -> dict[str, Any]:
+    """Return a calibration as plain data; deviations that are not known are None."""
+    deviations = [float(x) if np.isfinite(x) else None for x in result.scale_deviation]
+    masses = {body.name: body.inertial.mass for body in result.model.bodies}
+    return {'joint_names': list(result.model.joint_names), 'poses': count,
+            'scale': result.scale, 'scale_deviation': deviations,
+            'offset': result.offset, 'offset_deviation': result.offset_deviation,
+            'friction': result.friction, 'rms_before': result.before,
+            'rms_held_out': result.held_out, 'parameters': list(result.parameters),
+            'values': result.values, 'standard_deviations': result.deviations,
+            'masses': masses, 'not_told_apart': list(result.not_told_apart),
+            'further_poses': result.further_poses, 'files': files}
+
+
+def print_gravity(data: dict[str, Any]) -> None:
+    """Print scales, offsets, friction, errors, parameters, and poses that would help."""
+    print(f'{data["poses"]} held poses; RMS of torque error before and, of poses left out '
+          'of the fit, after; N m or N')
+    table = []
+    for j, name in enumerate(data['joint_names']):
+        deviation = data['scale_deviation'][j]
+        scale = '?' if deviation is None else f'{deviation * abs(data["scale"][j]):.1g}'
+        low, high = data['friction'][j]
+        table.append([name, data['rms_before'][j], data['rms_held_out'][j],
+                      f'{data["scale"][j]:.4g}', scale, f'{data["offset"][j]:.3g}',
+                      f'{data["offset_deviation"][j]:.1g}', f'{low:.2g} to {high:.2g}'])
+    print_table(['joint', 'before', 'held out', 'torque per effort', '+-', 'offset', '+-',
+                 'friction at rest'], table)
+    print('\nmasses and first moments that the joints see; kg, kg m')
+    print_table(['value', '+-', 'combination'],
+                zip(data['values'], (f'{x:.1g}' for x in data['standard_deviations']),
+                    data['parameters'], strict=True))
+    print('\nfurther poses that would help most, rad or m; check that the way is free')
+    print_table(data['joint_names'], np.round(data['further_poses'], 2).tolist())
+    print_files(data['files'])

@@ -102,7 +102,7 @@ def _filled(options: Namespace, robot: Robot, bending: QuasiStatic | None,
         robot, points.times, *points.rows, joint_names=points.joint_names,
         rest=options.pose,
         tolerance=options.tolerance and one_or_all(options.tolerance),
-        compensate=Terms(**dict.fromkeys(options.without, False)),
+        compensate=Terms.beside({*options.without} or {NO_TERM}),
         clip=options.clip, bending=bending)
 
 

@@ -73,14 +73,7 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
 
     # Positions and torques are needed; speeds and accelerations may follow from them.
     order = list(joint_names if numbered is None else numbered)
-    quantities: dict[str, Any] = {}
-    for name in NAMES:
-        quantities[name] = _quantity(columns, name, joint_names, order, path)
-    for name in ('q', 'tau'):
-        if quantities[name] is None:
-            raise InputError(f"{path}: no '{name}'; expected a column for each joint, "
-                             f"the first named '{name}.{joint_names[0]}' or '{name}1', "
-                             f'found {listing(columns, 12)}')
+    quantities = _required(columns, NAMES, joint_names, order, path)
     for name, value in quantities.items():
         if value is not None and len(value) != len(t):
             raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, "
@@ -117,6 +110,21 @@ def recorded_columns(path: str | os.PathLike[str], joint_names: Sequence[str],
                              'as many as times')
         result[name] = values
     return result
+
+
+def has_times(path: str | os.PathLike[str]) -> bool:
+    """Return whether a CSV or npz file has a column of times."""
+    columns = _read(Path(path))
+    return any(name in columns for name in TIMES)
+
+
+def rows_without_times(path: str | os.PathLike[str], joint_names: Sequence[str],
+                       numbered: Sequence[str] | None = None) -> tuple[Array, Array]:
+    """Return positions and torques, (N, n), of a table; errors as of `read_recording`."""
+    columns = _read(Path(path))
+    order = list(joint_names if numbered is None else numbered)
+    quantities = _required(columns, ('q', 'tau'), joint_names, order, path)
+    return quantities['q'], quantities['tau']
 
 
 def positions_by_name(path: str | os.PathLike[str],
@@ -231,6 +239,19 @@ def _time(columns: Mapping[str, Any], path: Any) -> Array:
         raise InputError(f'{path}: {len(t)} rows; expected 3 or more')
     increasing(t, len(t), f'{path}: t')
     return t
+
+
+def _required(columns: Mapping[str, Any], names: Sequence[str],
+              joint_names: Sequence[str], order: list[str], path: Any) -> dict[str, Any]:
+    """Return quantities of all joints, of which positions and torques must be there."""
+    quantities: dict[str, Any] = {}
+    for name in names:
+        quantities[name] = _quantity(columns, name, joint_names, order, path)
+        if quantities[name] is None and name in ('q', 'tau'):
+            raise InputError(f"{path}: no '{name}'; expected a column for each joint, "
+                             f"the first named '{name}.{joint_names[0]}' or '{name}1', "
+                             f'found {listing(columns, 12)}')
+    return quantities
 
 
 def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],

@@ -74,8 +74,12 @@ def check_live_limits(path: TorquePath, robot: Robot, present: Mapping[str, Any]
         return
     if 'limits.velocity' in changed and len(u) == len(robot.joint_names):
         require('limits.velocity', np.abs(u), 'the present speed')
-    if 'limits.effort' in changed and terms(values).gravity:
-        holding = np.abs(robot.joint_torques(robot.gravity_force(q), q))
+    of_command = terms(values)
+    if 'limits.effort' in changed and of_command.gravity:
+        force = robot.gravity_force(q)
+        if of_command.arm is not None:
+            force = force - of_command.arm.force_at(robot, q)
+        holding = np.abs(robot.joint_torques(force, q))
         require('limits.effort', holding, 'the torque that holds the arm')
 
 

@@ -66,7 +66,7 @@ class MotorSideMode(LiveLaw):
 
     def _checked(self, values: Mapping[str, Any]) -> tuple[Array, Array]:
         """Return the gains, N m/rad and N m s/rad, of the joints."""
-        if not terms(values).complete:
+        if not terms(values).complete or terms(values).arm is not None:
             raise InputError(f"parameter 'arm_compensates': "
                              f'{list(values["arm_compensates"])}; expected none, as the '
                              'feedforward of elastic joints has all terms')

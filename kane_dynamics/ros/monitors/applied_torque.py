@@ -99,8 +99,10 @@ class AppliedTorque:
         self._source = values['observer.torque']
         self._efforts = stated_efforts(values, self._robot)
         self._efforts.compile(self._robot)
+        self._factor = values['efforts.factor']
         self._compared = False  # whether efforts at rest were compared with the weight
         on = terms(values)
+        self._arm = None if on.arm is None else on.arm.entry(self._robot)
         # Terms that the arm adds to a command; it cannot add inertia, which needs udot.
         self._arm_terms = np.array([name != 'inertia' and not getattr(on, name, True)
                                     for name in TORQUE_TERMS], dtype=np.float64)
@@ -123,6 +125,10 @@ class AppliedTorque:
                          "observer.torque is 'effort'")
             return None
         torque = self._converted(state) if self.measured else cycle.tau
+        beyond = self.measured and self._beyond(torque)
+        if beyond:
+            self._reject('effort beyond its limit', beyond)
+            return None
         if self._actuated is not None:
             torque = self._generalized(torque, state.q)
         source = self._bending or self._robot  # whose terms the command lacks
@@ -130,6 +136,8 @@ class AppliedTorque:
             if not self.measured and self._arm_terms.any():
                 torque = torque + self._arm_terms @ source.torque_terms(state.q, state.u,
                                                                         self._zero)
+            if not self.measured and self._arm is not None:
+                torque = torque + self._arm(state.q, 0.0)
             if self._bending is not None:
                 if self.measured and not self._efforts.gravity:
                     # The gravity of the rigid model was added.
@@ -143,6 +151,18 @@ class AppliedTorque:
             self._reject('no deflection', str(error))
             return None
         return torque if cycle.external is None else torque + cycle.external
+
+    def _beyond(self, torque: Array) -> str:
+        """Return the joint whose measured torque no motor has; empty without any."""
+        names = actuated_joints(self._robot)
+        limits = np.asarray(self._robot.limits.effort)
+        largest = self._factor * limits[list(map(self._robot.joint_names.index, names))]
+        beyond = np.flatnonzero(~(np.abs(torque) <= largest))
+        if not len(beyond):
+            return ''
+        j = int(beyond[0])
+        return (f"'{names[j]}': {torque[j]:.4g}; expected at most {largest[j]:.4g}, its limit "
+                'times efforts.factor')
 
     def _converted(self, state: Any) -> Array:
         """

@@ -2,13 +2,16 @@
 
 from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 import difflib
 import math
 import re
 from typing import Any
 
-from kane_dynamics.control.terms import stated_terms, STATEMENT, Terms
+from kane_dynamics.control.arm_gravity import ArmGravity
+from kane_dynamics.control.terms import NO_TERM, stated_terms, STATEMENT, Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.ros.parameters.parameter_table import AUTO, CONSTANTS, Kind, Spec
 import numpy as np
 from numpy.typing import NDArray
@@ -274,9 +277,48 @@ def terms(values: Mapping[str, Any]) -> Terms:
 
     Raise InputError if arm_compensates is not stated.
     """
-    if not values['arm_compensates']:
+    stated = values['arm_compensates']
+    if not stated:
         raise unstated()
-    return Terms.beside(values['arm_compensates'])
+    arm = arm_gravity(values)
+    if arm is None:
+        return Terms.beside(stated)
+    others = [name for name in stated if name != 'gravity']
+    return replace(Terms.beside(others or [NO_TERM]), arm=arm)
+
+
+def arm_gravity(values: Mapping[str, Any]) -> ArmGravity | None:
+    """
+    Return the gravity and payload that the arm compensates; None if they are not stated.
+
+    Raises
+    ------
+    InputError
+        They are stated for an arm that does not compensate gravity, or the payload has no
+        frame, or another number of values.
+
+    """
+    stated = [name for name in ('arm_gravity', 'arm_payload') if values[name].size]
+    if not stated:
+        return None
+    if 'gravity' not in values['arm_compensates']:
+        raise InputError(f"parameter '{stated[0]}': given for an arm that does not "
+                         'compensate gravity; expected gravity in arm_compensates')
+    gravity = values['arm_gravity'] if values['arm_gravity'].size else values['gravity']
+    payload = None
+    four = values['arm_payload']
+    if four.size and (len(four) != 4 or four[0] < 0.0):
+        raise InputError(f"parameter 'arm_payload': {four.tolist()}; expected the mass, kg, "
+                         'and three coordinates of its center of mass, m')
+    if len(gravity) != 3:
+        raise InputError(f"parameter 'arm_gravity': {gravity.tolist()}; expected three "
+                         'numbers, m/s^2')
+    if four.size and four[0] > 0.0:
+        if not values['payload.frame']:
+            raise InputError("parameter 'arm_payload': without payload.frame; expected the "
+                             'frame in whose axes it is stated')
+        payload = Inertial(float(four[0]), four[1:], np.zeros((3, 3)))
+    return ArmGravity.of(gravity, payload)
 
 
 def controller_settings(values: Mapping[str, Any],

@@ -190,6 +190,14 @@ SPECS = (
          'torque terms that the arm adds to commanded efforts '
          'itself; `commands` leave them out; without this statement the node does not '
          'configure'),
+    Spec('arm_gravity', 'floats', [],
+         'gravity that the arm compensates, three numbers in the axes of its base, m/s^2; '
+         '`commands` have the difference from `gravity`; empty: that of `gravity`'),
+    Spec('arm_payload', 'floats', [],
+         'payload that the arm compensates: mass, kg, and three coordinates of its center '
+         'of mass in the axes of payload.frame, m; `commands` have the difference from '
+         'the payload of this node; [0, 0, 0, 0]: none; empty: none with `arm_gravity`, '
+         'else the payload of this node'),
     live('gains.kp', 'per_joint', 100.0,
          'mode computed_torque: gain of position errors, '
          '1/s^2', low=0.0),
@@ -307,6 +315,9 @@ SPECS = (
     Spec('efforts.constants', 'per_joint', [],
          'torque on the joint per motor current, N m/A or N/A, gears included, negative '
          'where the motor turns the other way; for motor_current only'),
+    live('efforts.factor', 'number', 10.0,
+         'factor on the effort limit of a joint above which a reported effort is dropped '
+         'and counted; infinite: no such check', low=1.0, infinite=True),
     Spec('observer.enabled', 'flag', False,
          'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),

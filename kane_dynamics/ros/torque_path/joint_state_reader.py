@@ -359,10 +359,12 @@ class JointStateReader:
         if math.isfinite(sum(self.state.tolist())) and (
                 not self.others or math.isfinite(sum(self.positions.tolist()))):
             return None
-        bad = [*np.compress(~(np.isfinite(self._q) & np.isfinite(self._u)), self.joints),
+        # A speed that is NaN is absent: the caller that judges states derives it.
+        speeds = np.isfinite(self._u) | (np.isnan(self._u) & self.judged)
+        bad = [*np.compress(~(np.isfinite(self._q) & speeds), self.joints),
                *(self.optional[k] for k, x in zip(self.others, self.positions)
                  if not math.isfinite(x))]
-        if not bad:  # only the sum overflowed
+        if not bad:  # only speeds are absent, or the sum overflowed
             return None
         self.detail = ', '.join(bad)
         return NOT_FINITE

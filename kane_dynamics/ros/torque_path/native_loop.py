@@ -97,7 +97,7 @@ class CycleKernels:
         self.further = np.array(further, dtype=np.int64)
 
         # Names distinguish kernels, so that terms, sizes and joints are part of them.
-        words = [''.join(str(int(weight)) for weight in terms.weights)]
+        words = [terms.label]
         words += map(str, self.shape)
         if len(commanded) < robot.n_q:
             words += map(str, commanded)

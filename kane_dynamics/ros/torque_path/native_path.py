@@ -87,6 +87,8 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
         return 'ball joints'
     if equations.carries_loads and not every_term:
         return 'friction that depends on loads, with arm_compensates'
+    if loops is not None and controller.compensate.arm is not None:
+        return 'arm_gravity or arm_payload of an arm with closed loops'
     for mode in (values['mode'], *values['modes']):
         if mode not in modes:
             return f'mode {mode}' + ' of an arm with closed loops' * (loops is not None)
@@ -149,7 +151,8 @@ class NativeTorquePath(TorquePath):
         if self.loops is None:
             laws = controller_laws(robot, terms)
             laws |= {mode: law.traced() for mode, law in self._laws.items()}
-            laws = {mode: law.of_joints(commanded) for mode, law in laws.items()}
+            laws = {mode: law.beside(robot, terms.arm).of_joints(commanded)
+                    for mode, law in laws.items()}
             return CycleKernels(robot, terms, laws, commanded=commanded)
         joints = Actuation(tuple(self._follow), commanded, controller.preload)
         # It explains why a desired configuration is refused.

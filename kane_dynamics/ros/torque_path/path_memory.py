@@ -221,9 +221,13 @@ class CycleRules:
     def judge(self, is_finite: bool) -> int:
         """Judge the state by `cycle_rules.judge`; return the reason to refuse it."""
         if is_finite:
+            state = self._state
+            if np.isnan(state).any():  # kernels accept finite numbers only
+                state[:] = cycle_rules.with_speeds(self.memory.path, self.event, state,
+                                                   self.settings, self._turning)
             try:
                 self._judge()
-            except InputError:  # kernels do not accept numbers that are not finite
+            except InputError:
                 is_finite = False
         if not is_finite:
             state = np.full(len(self._state), np.nan)

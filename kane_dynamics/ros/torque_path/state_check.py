@@ -126,7 +126,7 @@ class StateCheck:
         lower, upper, fastest, _, _ = self.bounds
         # The joint that is furthest off explains the fault.
         if fault == NOT_FINITE:
-            finite = np.isfinite(q) & np.isfinite(u)
+            finite = np.isfinite(q) & (np.isfinite(u) | np.isnan(u))
             return ', '.join(np.compress(~finite, self._joints))
         if fault == OUTSIDE:
             j = int(np.argmax(np.maximum(lower - q, q - upper)))

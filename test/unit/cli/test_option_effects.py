@@ -7,7 +7,7 @@ import re
 import shutil
 
 from command_in_process import command
-from kane_dynamics import load_urdf
+from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.parser import COMMANDS, parsers
 import numpy as np
@@ -29,6 +29,7 @@ points:
 - {time_from_start: 1.0, positions: [1.0]}
 """
 CALIBRATE = 'calibrate arm.urdf r.csv --collision'
+POSES = 'calibrate arm.urdf poses.csv'
 # A call of each command, which needs no robot and no node.
 CALLS = {
     'torque': 'torque arm.urdf --motion m.csv',
@@ -90,6 +91,10 @@ OWN = [
     ('replay arm.urdf r.csv', '--reference r.csv'),
     ('replay arm.urdf r.csv --reference r.csv', '--false-alarms 0.05'),
     ('calibrate arm.urdf r.csv', '--collision'), (CALIBRATE, '--gain 20'),
+    (POSES, '--loaded loaded.csv --load link2'), (POSES, '--out g.yaml'),
+    (f'{POSES} --loaded loaded.csv', '--load link2 --load-mass 0.5'),
+    (f'{POSES} --loaded loaded.csv --load link2', '--load-mass 0.5'),
+    (f'{POSES} --loaded loaded.csv --load link2 --load-mass 0.5', '--load-com 0 1 1'),
     (CALIBRATE, '--margin 2'),
     ('calibrate rubbing.urdf rubbing.csv --collision', '--drift 0.3'),
     (CALIBRATE, '--commands'),
@@ -176,6 +181,11 @@ def folder(tmp_path_factory):
                                  sign * recording.tau])
         np.savetxt(f'{name}.csv', table, delimiter=',', header=','.join(['t', *names]),
                    comments='')
+    robot = Robot(load_urdf('arm.urdf'), friction=False)
+    for name, factor in (('poses', 1.0), ('loaded', 1.3)):
+        q = np.random.default_rng(0).uniform(-1.5, 1.5, (12, 2))
+        np.savetxt(f'{name}.csv', np.hstack([q, factor * robot.gravity_force(q)]),
+                   delimiter=',', header='q1,q2,tau1,tau2', comments='')
     yield
     os.chdir(former)
 

@@ -16,6 +16,8 @@ pytest.importorskip('rclpy')
 from false_states import FAULT, NANO, PERIOD  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control_cycle.cycle_results import (  # noqa: E402
+    ACCEPTED, FIRST, NOT_FINITE)
 from kane_dynamics.control_cycle.state_judgement import (  # noqa: E402
     CheckSettings, judged, StateMemory)
 from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
@@ -177,3 +179,54 @@ def test_where_speeds_cannot_be_judged_the_diagnostics_say_so(make):
     assert level == WARN and 'no speed limit of joint1; expected one' in words
     level, words = message(free, 'gravity_compensation', 0.06)
     assert level == OK
+
+
+@pytest.mark.parametrize('rate', [100, 500])
+@pytest.mark.parametrize('absent', [0, 1])
+def test_a_speed_that_is_nan_is_derived_from_the_positions_of_its_joint(rate, absent):
+    fastest = 4.0
+    limit = np.full(2, fastest)
+    bounds = np.concatenate([-10.0 + 0.0 * limit, 10.0 + 0.0 * limit, limit, limit,
+                             0.01 + 0.002 * limit])
+    period = NANO / rate
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0,
+                             np.zeros(2), bounds)
+    memory = StateMemory.empty(2)
+    for k in range(2 * rate):
+        angle = 3.0 * k / rate
+        u = np.array([0.9 * np.cos(angle), -0.6 * np.cos(angle)])
+        state = np.concatenate([[0.3 * np.sin(angle), -0.2 * np.sin(angle)], u])
+        state[2 + absent] = np.nan
+        fault, memory = judged(memory, k * period, state, settings)
+        assert fault == (FIRST if k == 0 else ACCEPTED)
+        memory = memory.kept(k * period, state)
+        other = 1 - absent
+        assert memory.trusted[other] == u[other]
+        # The mean over the last period and the 10 ms of the filter is late by both.
+        if k > rate // 5:
+            late = 0.5 * period / NANO + 0.01
+            assert abs(memory.trusted[absent] - u[absent]) < 3.0 * late
+        assert np.isfinite(memory.accepted).all()
+    assert not memory.wrong.any()
+
+
+@pytest.mark.parametrize(('place', 'value'), [(0, np.nan), (2, np.inf), (3, -np.inf)])
+def test_a_position_that_is_nan_and_an_infinite_speed_are_no_state(place, value):
+    bounds = np.repeat([-10.0, 10.0, 4.0, 4.0, 0.02], 2)
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 0.1 * NANO, 1.0, 1.0, np.zeros(2),
+                             bounds)
+    state = np.array([0.1, 0.2, 0.0, 0.0])
+    _, memory = judged(StateMemory.empty(2), 0.0, state, settings)
+    state[place] = value
+    assert judged(memory, 1e6, state, settings)[0] == NOT_FINITE
+
+
+@pytest.mark.parametrize('make', [TorquePath, native_path])
+def test_an_arm_without_measured_speeds_follows_its_motion(make):
+    run = Run('fr3', 'computed_torque', True, make=make, limited=True)
+    rows = run.positions(lambda q, u: (q, np.nan * u, 0), first=0, count=LENGTH,
+                         length=LENGTH)
+    calm = undisturbed('fr3', 'computed_torque', True, LENGTH)
+    assert np.abs(calm - calm[0]).max() > 0.1
+    assert np.abs(rows - calm).max() < 0.02
+    assert run.path.false_speeds == () and not run.statistics.dropped

@@ -307,6 +307,18 @@ def test_efforts_that_contradict_their_meaning_at_rest_are_named_once(efforts, f
     assert rig.rejected == ['efforts contradict the model']
 
 
+@pytest.mark.parametrize('garbage', [1e224, -1e5])
+def test_an_effort_that_no_motor_has_is_dropped_and_counted(garbage):
+    rig = Rig(threshold=0.1, torque='effort')
+    weight = ROBOT.gravity_force(Q)
+    for k in range(200):
+        effort = weight + [garbage * (k == 50), 0.0]
+        rig.state(effort=effort)
+        assert not rig.contact.detector.collision
+    assert rig.rejected == ['effort beyond its limit']
+    assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
+
+
 def test_kinds_of_effort_that_the_observer_cannot_use_are_refused():
     for efforts, words in (({'kind': 'external_torque'},
                             'external_torque, which observer and'),
