@@ -94,7 +94,7 @@ def linearized(robot: Robot, q: Any, u: Any = None, tau: Any = None, *,
     qdot = robot.joint_rates(q, u, t=t)
     G_rate = _coordinate_rates(robot, q + qdot) - G
     inverse = np.linalg.pinv(G)
-    independent, positions = _admitted(robot, q, G, t)
+    independent, positions = admitted(robot, q, G, t)
     of_positions = (inverse @ (by_q @ G - G_rate) @ positions)[independent]
     A = np.block([[of_positions, (inverse @ by_u)[independent]],
                   [accelerations[0] @ G @ positions, accelerations[1]]])
@@ -174,7 +174,7 @@ def _coordinate_rates(robot: Robot, q: Array) -> Array:
     return np.array(rows, dtype=np.float64).T
 
 
-def _admitted(robot: Robot, q: Array, G: Array, t: float) -> tuple[list[int], Array]:
+def admitted(robot: Robot, q: Array, G: Array, t: float) -> tuple[list[int], Array]:
     """Return the places of the independent joints, and the deviations of all, (n_j, k)."""
     n = robot.model.n
     rows = robot.derivative('constraint_residual', q, by='q', t=t) @ G

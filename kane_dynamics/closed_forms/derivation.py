@@ -19,7 +19,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.closed_forms.auxiliary_speeds import with_auxiliary_speeds
 from kane_dynamics.closed_forms.polynomials import operations, shortened
 from kane_dynamics.closed_forms.symbolic import (
-    Parameter, ParameterSymbols, scalar, symbolic_mechanism, symbols, unwrapped)
+    as_matrix, Parameter, ParameterSymbols, scalar, symbolic_mechanism, symbols,
+    unwrapped)
 from kane_dynamics.closed_forms.variations import forces_by_variations
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
@@ -401,8 +402,8 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         letters=paper.letters,
         conditions=tuple(paper.conditions), Y=paper.short(Y[:count, :count]),
         Z=paper.short(Z[:count]),
-        W=_matrix(parts.W), X=_matrix(parts.X), A=_matrix(parts.A[:, :n]),
-        B=_matrix(parts.B), drift=_matrix(change.dependent), qdot=paper.short(qdot[:robot.n_q]),
+        W=as_matrix(parts.W), X=as_matrix(parts.X), A=as_matrix(parts.A[:, :n]),
+        B=as_matrix(parts.B), drift=as_matrix(change.dependent), qdot=paper.short(qdot[:robot.n_q]),
         axes=axes, velocities=velocities, holonomic=holonomic, partials=partials,
         accelerations=accelerations, active=active, M=independent(M),
         inertia_bias=independent(inertia_bias), energy=by_energy,
@@ -494,10 +495,3 @@ def _kept_row(robot: Robot, name: str) -> int:
         raise InputError(f"auxiliary: '{name}', a redundant row, whose force is not "
                          f'determined; expected one of {kept}')
     return mechanism.kept.index(row)
-
-
-def _matrix(array: Any) -> Any:
-    """Return an array of scalars as a SymPy matrix; a vector as a column."""
-    entries = np.asarray(array, dtype=object)
-    rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
-    return sp.Matrix(rows, columns, [unwrapped(x) for x in entries.ravel()])

@@ -139,6 +139,13 @@ def unwrapped(value: Any) -> Any:
     return value.value if isinstance(value, Symbolic) else Symbolic(value).value
 
 
+def as_matrix(array: Any) -> Any:
+    """Return an array of scalars as a SymPy matrix; a vector as a column."""
+    entries = np.asarray(array, dtype=object)
+    rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
+    return sp.Matrix(rows, columns, [unwrapped(x) for x in entries.ravel()])
+
+
 def symbols(names: Iterable[str], **assumptions: bool) -> tuple[tuple[Any, ...], Any]:
     """Return real SymPy symbols, and an array of them as `Symbolic` scalars."""
     plain = tuple(sp.Symbol(name, real=True, **assumptions) for name in names)

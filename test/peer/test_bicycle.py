@@ -9,8 +9,10 @@ from pathlib import Path
 from runpy import run_path
 
 from kane_dynamics import linearized, Robot
+from kane_dynamics.closed_forms import linear_form
 import numpy as np
 import pytest
+import sympy as sp
 
 WEAVE = (  # real and imaginary part at 0 to 10 m/s; at 0 two real ones
     (3.13164324790656, 5.53094371765393), (3.52696170990070, 0.80774027519930),
@@ -49,6 +51,22 @@ def test_eigenvalues_are_the_published_ones(rolling, speed):
         'frame/rx', 'steer', 'rate of frame/rx', 'rate of steer')]
     np.testing.assert_allclose(np.sort_complex(own), np.sort_complex(expected),
                                rtol=1e-9, atol=1e-9)
+
+
+def test_the_bicycle_on_paper_has_the_published_eigenvalues(rolling):
+    # In numbers but for the speed: a quartic in the eigenvalue.
+    form = linear_form(rolling, np.zeros(9), [0.0, 1.0, 0.0], numbers=True)
+    wheel_speed, = (parameter.symbol for parameter in form.parameters)
+    s = sp.Symbol('s')
+    quartic = form.characteristic(
+        ('frame/rx', 'steer', 'rate of frame/rx', 'rate of steer'), s)
+    for speed, (re, im) in enumerate(WEAVE):
+        pair = (re, im) if speed == 0 else (re + 1j * im, re - 1j * im)
+        expected = np.array([*pair, *REAL[speed]], dtype=complex)
+        at_speed = sp.Poly(quartic.subs(wheel_speed, sp.Rational(speed * 10, 3)), s)
+        roots = np.roots(np.array(at_speed.all_coeffs(), dtype=float))
+        np.testing.assert_allclose(np.sort_complex(roots), np.sort_complex(expected),
+                                   rtol=1e-8, atol=1e-8)
 
 
 def test_upright_bicycle_stands_on_its_wheels_with_the_benchmarks_loads(rolling):
