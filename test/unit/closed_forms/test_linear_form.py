@@ -61,7 +61,7 @@ def test_an_inverted_pendulum_on_a_cart_falls_as_in_the_textbook():
 
 @pytest.mark.parametrize(('modes', 'shift'), [((1, 0), 0), ((0, 1), 1)])
 def test_a_spinning_beam_stiffens_by_southwells_coefficient(modes, shift):
-    # Out of the plane of the rotation the square of the frequency grows by 1.1933 Omega^2
+    # Out of the plane of the rotation the squared frequency grows by 1.1933 Omega^2
     # (uniform clamped beam, first mode), in the plane by Omega^2 less. Without
     # foreshortening it would fall by Omega^2 there.
     b = ModelBuilder()
