@@ -154,7 +154,8 @@ def linear_form(robot: Robot, q: Any = None, u: Any = None, *, numbers: bool = F
                   if parameter.symbol in used]
     names = [model.joint_names[k] for k in independent]
     names += [f'rate of {name}' for name in robot.speed_names]
-    return LinearForm(tuple(names), *matrices, parameters)
+    return LinearForm(names=tuple(names), parameters=parameters,
+                      **dict(zip(MATRICES, matrices)))
 
 
 def _nominal(table: ParameterSymbols, letter: str, values: Any,
