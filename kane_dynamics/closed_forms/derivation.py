@@ -290,129 +290,144 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         refuse_load_friction(robot.model, f"derivation of '{name}'")
     if not 0 < robot.n_q <= MOST:
         raise InputError(f"derivation of '{name}': {robot.n_q} coordinates; expected 1 "
-                         f'to {MOST}: choose fewer with --joints, --base or --tip')
-    # The mechanism of numbers, with a speed for each reaction, then that of symbols.
+                         f'to {MOST}: choose fewer with --joints, --base or --tip, or '
+                         'linear_form about one motion')
     rows = [force for force in auxiliary if force in robot.mechanism.labels]
     reactions = [force for force in auxiliary if force not in rows]
-    numeric = with_auxiliary_speeds(robot.mechanism, reactions)
-    table = ParameterSymbols(numbers)
-    mechanism = symbolic_mechanism(numeric, table, reactions)
-    model = mechanism.model
-    free = numeric.free
-    dependent = nonholonomic.dependent_places(numeric)
-    count = robot.model.n  # speeds without those of reactions
-
-    q_symbols, q = symbols(f'q{k + 1}' for k in range(robot.n_q))
-    u_symbols, u = symbols(f'u{r + 1}' for r in range(model.n))
-    udot_symbols, udot = symbols(f'udot{r + 1}' for r in range(count))
-    t = symbols(['t'])[1][0]
-    at_rest = np.zeros(len(reactions)).astype(object)
-    q = np.concatenate([q, at_rest])
-    values = {parameter.symbol: parameter.value
-              for parameter in table.parameters.values()}
-    values.update(zip(q_symbols, _configuration(robot, near)))
-    values[t.value] = 0.0
-    paper = _Paper(q_symbols, u_symbols, values, progress)
-
-    # Step 1: generalized speeds and kinematical differential equations, constraints.
-    Y, Z = mechanism.speeds.of(q, t)
-    parts = nonholonomic.reduction(mechanism, q, t, paper.lettered)
-    T = nonholonomic.partials_of(mechanism, parts)
-    moving_u = np.concatenate([u[:count], at_rest])
-    u_I = moving_u[free]
-    for place, expression in zip(dependent, paper.short(parts.A @ u_I + parts.B)):
-        paper.letters[u_symbols[place]] = expression
-    joint_rates = nonholonomic.constrained_rates(parts, moving_u)
-    qdot = coordinate_rates(model, q, joint_rates)
-
-    # Step 2: velocities and partial velocities of bodies with mass, and of points.
-    places = _places(model, points)
-    bodies = kinematics.configurations(model, q)
-    holonomic = {}
-    partials = {}
-    velocities = {}
-    turned = {}
-    for label, frame in places.items():
-        R = _axes(model, q, bodies, axes, frame)
-        turned[label] = np.block([[np.zeros((3, 3)), R.T], [R.T, np.zeros((3, 3))]])
-        by_joints = turned[label] @ kinematics.frame_partial_velocities(
-            model, frame, q, bodies=bodies)
-        holonomic[label] = paper.short(by_joints @ parts.W)
-        partials[label] = paper.short(by_joints @ T)
-        velocity = by_joints @ (parts.W @ u + parts.X)
-        velocities[label] = paper.short(velocity)
-
-    # Step 3: accelerations, with u_D' = A u_I' + drift.
-    change = nonholonomic.drift(mechanism, parts, q, joint_rates, u_I, t, paper.lettered)
-    at_rest_I = np.zeros(len(free)).astype(object)
-    bias_accelerations = nonholonomic.joint_accelerations(mechanism, parts, change,
-                                                          at_rest_I)
-    all_udot = np.concatenate([udot, at_rest])[free]
-    joint_accelerations = nonholonomic.joint_accelerations(mechanism, parts, change,
-                                                           all_udot)
-    accelerations = {}
-    for label, frame in places.items():
-        _, acceleration = kinematics.frame_motion(model, frame, q, joint_rates,
-                                                  joint_accelerations)
-        accelerations[label] = paper.short(turned[label] @ acceleration)
-
-    # Step 4: generalized active forces by source, and generalized inertia forces.
-    torque_symbols, torques = _torques(robot)
-    active = {}
-    for source, force in _active_forces(robot, model, q, joint_rates, torques).items():
-        active[source] = paper.short(T.T @ force)
-    active = {source: force for source, force in active.items()
-              if not force.is_zero_matrix}
-    M_raw = T.T @ kane.mass_matrix(model, q) @ T
-    inertia = -kane.generalized_inertia_force(model, q, joint_rates, bias_accelerations)
-    inertia_raw = T.T @ inertia
-    M = paper.symmetric(M_raw)
-    inertia_bias = paper.short(inertia_raw)
-    n = len(free) - len(reactions)
-
-    # Step 5: the constraint forces, each by the equation of its auxiliary speed.
-    auxiliary_forces = {}
-    for k, force in enumerate(reactions, n):
-        total = M[k, :n] @ sp.Matrix([udot_symbols[r] for r in free[:n]])
-        total = total[0] + inertia_bias[k]
-        auxiliary_forces[force] = total - sum(part[k] for part in active.values())
-    joint_force = kane.generalized_inertia_force(model, q, joint_rates,
-                                                 joint_accelerations)
-    for force in rows:
-        k = _kept_row(robot, force)
-        N = parts.W[:, dependent] @ parts.D[:, k]
-        total = N @ (joint_force + sum(_active_forces(robot, model, q, joint_rates,
-                                                      torques).values()))
-        auxiliary_forces[force] = paper.short(np.array([-total]))[0]
-
-    before = [unwrapped(x) for x in [*M_raw.ravel(), *inertia_raw]]
-
-    by_energy = {}
-    if energy:
-        by_energy = forces_by_variations(model, q, joint_rates, joint_accelerations,
-                                         T[:, :n], paper.short)
-
-    def independent(matrix: Any) -> Any:
-        return matrix[:n, :] if matrix.shape[1] == 1 else matrix[:n, :n]
-    active = {source: independent(force) for source, force in active.items()}
-    result = Derivation(
-        robot=robot, q=q_symbols, u=u_symbols, udot=udot_symbols, free=free[:n],
-        dependent=dependent, torques=torque_symbols,
-        wrench=tuple(map(unwrapped, _wrench(robot).ravel())), parameters=[],
-        letters=paper.letters,
-        conditions=tuple(paper.conditions), Y=paper.short(Y[:count, :count]),
-        Z=paper.short(Z[:count]),
-        W=as_matrix(parts.W), X=as_matrix(parts.X), A=as_matrix(parts.A[:, :n]),
-        B=as_matrix(parts.B), drift=as_matrix(change.dependent),
-        qdot=paper.short(qdot[:robot.n_q]),
-        axes=axes, velocities=velocities, holonomic=holonomic, partials=partials,
-        accelerations=accelerations, active=active, M=independent(M),
-        inertia_bias=independent(inertia_bias), energy=by_energy,
-        auxiliary=auxiliary_forces, operations_before=operations(before))
+    steps = _Steps(robot, ParameterSymbols(numbers), reactions, near, progress)
+    fields = steps.speeds()
+    fields |= steps.vectors(axes, points)
+    fields |= steps.forces(rows)
+    fields['energy'] = steps.energy() if energy else {}
+    result = Derivation(robot=robot, axes=axes, parameters=[], letters=steps.paper.letters,
+                        conditions=tuple(steps.paper.conditions), **fields)
     used = result.symbols_of_equations
-    result.parameters.extend(parameter for parameter in table.parameters.values()
+    result.parameters.extend(parameter for parameter in steps.table.parameters.values()
                              if parameter.symbol in used)
     return result
+
+
+class _Steps:
+    """The steps of a derivation in their order; each returns fields of `Derivation`."""
+
+    def __init__(self, robot: Robot, table: ParameterSymbols, reactions: Sequence[str],
+                 near: Any, progress: Callable[[float], object]) -> None:
+        """Prepare the mechanism of symbols, with a speed for each reaction."""
+        self.robot = robot
+        self.table = table
+        self.reactions = reactions
+        numeric = with_auxiliary_speeds(robot.mechanism, reactions)
+        self.mechanism = symbolic_mechanism(numeric, table, reactions)
+        self.model = self.mechanism.model
+        self.free = numeric.free
+        self.n = len(self.free) - len(reactions)
+        self.dependent = nonholonomic.dependent_places(numeric)
+        self.count = robot.model.n  # speeds without those of reactions
+
+        # Auxiliary speeds are symbols in velocities, and zero in the motion.
+        self.at_rest = np.zeros(len(reactions)).astype(object)
+        self.q_symbols, q = symbols(f'q{k + 1}' for k in range(robot.n_q))
+        self.u_symbols, self.u = symbols(f'u{r + 1}' for r in range(self.model.n))
+        self.udot_symbols, udot = symbols(f'udot{r + 1}' for r in range(self.count))
+        self.q = np.concatenate([q, self.at_rest])
+        self.moving_u = np.concatenate([self.u[:self.count], self.at_rest])
+        self.u_I = self.moving_u[self.free]
+        self.udot = np.concatenate([udot, self.at_rest])[self.free]
+        self.t = symbols(['t'])[1][0]
+
+        values = {parameter.symbol: parameter.value
+                  for parameter in table.parameters.values()}
+        values.update(zip(self.q_symbols, _configuration(robot, near)))
+        values[self.t.value] = 0.0
+        self.paper = _Paper(self.q_symbols, self.u_symbols, values, progress)
+
+    def speeds(self) -> dict[str, Any]:
+        """Return speeds, kinematical differential equations and constraints."""
+        short = self.paper.short
+        mechanism, q, t = self.mechanism, self.q, self.t
+        Y, Z = mechanism.speeds.of(q, t)
+        parts = nonholonomic.reduction(mechanism, q, t, self.paper.lettered)
+        dependent_speeds = short(parts.A @ self.u_I + parts.B)
+        for place, expression in zip(self.dependent, dependent_speeds):
+            self.paper.letters[self.u_symbols[place]] = expression
+        self.parts = parts
+        self.T = nonholonomic.partials_of(mechanism, parts)
+        self.joint_rates = nonholonomic.constrained_rates(parts, self.moving_u)
+        self.change = nonholonomic.drift(mechanism, parts, q, self.joint_rates, self.u_I,
+                                         t, self.paper.lettered)
+        self.joint_accelerations = nonholonomic.joint_accelerations(
+            mechanism, parts, self.change, self.udot)
+        qdot = coordinate_rates(self.model, q, self.joint_rates)[:self.robot.n_q]
+        count = self.count
+        return {'q': self.q_symbols, 'u': self.u_symbols, 'udot': self.udot_symbols,
+                'free': self.free[:self.n], 'dependent': self.dependent,
+                'Y': short(Y[:count, :count]), 'Z': short(Z[:count]),
+                'W': as_matrix(parts.W), 'X': as_matrix(parts.X),
+                'A': as_matrix(parts.A[:, :self.n]), 'B': as_matrix(parts.B),
+                'drift': as_matrix(self.change.dependent), 'qdot': short(qdot)}
+
+    def vectors(self, axes: str, points: Sequence[str]) -> dict[str, Any]:
+        """Return velocities, partial velocities and accelerations of bodies and points."""
+        short = self.paper.short
+        bodies = kinematics.configurations(self.model, self.q)
+        tables: dict[str, dict[str, Any]] = {
+            'velocities': {}, 'holonomic': {}, 'partials': {}, 'accelerations': {}}
+        speeds = self.parts.W @ self.u + self.parts.X
+        for label, frame in _places(self.model, points).items():
+            R = _axes(self.model, self.q, bodies, axes, frame)
+            # Angular before linear, in the axes of R.
+            turned = np.block([[np.zeros((3, 3)), R.T], [R.T, np.zeros((3, 3))]])
+            by_joints = turned @ kinematics.frame_partial_velocities(
+                self.model, frame, self.q, bodies=bodies)
+            _, acceleration = kinematics.frame_motion(
+                self.model, frame, self.q, self.joint_rates, self.joint_accelerations)
+            tables['velocities'][label] = short(by_joints @ speeds)
+            tables['holonomic'][label] = short(by_joints @ self.parts.W)
+            tables['partials'][label] = short(by_joints @ self.T)
+            tables['accelerations'][label] = short(turned @ acceleration)
+        return tables
+
+    def forces(self, rows: Sequence[str]) -> dict[str, Any]:
+        """Return active and inertia forces, and the constraint forces of rows and joints."""
+        short = self.paper.short
+        model, q, T, n = self.model, self.q, self.T, self.n
+        torque_symbols, torques = _torques(self.robot)
+        by_source = _active_forces(self.robot, model, q, self.joint_rates, torques)
+        active = {source: short(T.T @ force) for source, force in by_source.items()}
+        M_raw = T.T @ kane.mass_matrix(model, q) @ T
+        at_rest = np.zeros(len(self.free)).astype(object)
+        bias_accelerations = nonholonomic.joint_accelerations(
+            self.mechanism, self.parts, self.change, at_rest)
+        inertia_raw = -(T.T @ kane.generalized_inertia_force(model, q, self.joint_rates,
+                                                             bias_accelerations))
+        M = self.paper.symmetric(M_raw)
+        inertia_bias = short(inertia_raw)
+
+        # Each reaction by the equation of its auxiliary speed, each row by that of the
+        # dependent speed that it alone changes.
+        auxiliary = {}
+        udot = sp.Matrix([self.udot_symbols[r] for r in self.free[:n]])
+        for k, reaction in enumerate(self.reactions, n):
+            total = (M[k, :n] @ udot)[0] + inertia_bias[k]
+            auxiliary[reaction] = total - sum(force[k] for force in active.values())
+        joint_force = sum(by_source.values()) + kane.generalized_inertia_force(
+            model, q, self.joint_rates, self.joint_accelerations)
+        for row in rows:
+            N = self.parts.W[:, self.dependent] @ self.parts.D[:, _kept_row(self.robot, row)]
+            auxiliary[row] = short(np.array([-(N @ joint_force)]))[0]
+        return {'torques': torque_symbols,
+                'wrench': tuple(map(unwrapped, _wrench(self.robot).ravel())),
+                'active': {source: force[:n, :] for source, force in active.items()
+                           if not force.is_zero_matrix},
+                'M': M[:n, :n], 'inertia_bias': inertia_bias[:n, :], 'auxiliary': auxiliary,
+                'operations_before': operations(
+                    [unwrapped(x) for x in (*M_raw.ravel(), *inertia_raw)])}
+
+    def energy(self) -> dict[str, Any]:
+        """Return F*, gravity and springs by variations of vectors."""
+        return forces_by_variations(
+            self.model, self.q, self.joint_rates, self.joint_accelerations,
+            self.T[:, :self.n], self.paper.short)
 
 
 def _configuration(robot: Robot, near: Any) -> Array:
