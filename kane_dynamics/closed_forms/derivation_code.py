@@ -131,7 +131,10 @@ def _python(name: str, form: Derivation, arguments: Mapping[str, Any],
 
 
 class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
-    """C99 with small powers as products."""
+    """C99 with small powers as products, and no integers that an int cannot hold."""
+
+    def _print_Integer(self, expr: Any) -> str:  # noqa: N802
+        return str(expr) if abs(expr) < 2**31 else repr(float(expr))
 
     def _print_Pow(self, expr: Any) -> str:  # noqa: N802
         if expr.exp in (2, 3):

@@ -1,13 +1,16 @@
 """Sixty small mechanisms of all kinds, short enough for derivations on paper."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
+import warnings
 
 from kane_dynamics import (absolute_rates, body_angular_velocity, box, Closure, Coupling,
                            DependentSpeeds, disc, Drive, FlexibleLink, Inertial,
                            knife_edge, Model, ModelBuilder, momenta, point_mass,
                            PointVelocity, Prescribed, Robot, rod, Rolling, Speeds,
                            with_drives)
+from kane_dynamics.closed_forms import derivation
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 import numpy as np
 
@@ -15,6 +18,11 @@ T = 0.7  # s: where choices that depend on time are evaluated
 X, Y, Z = np.eye(3)
 PASSIVE = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5,
            'rest': 0.1}
+# Derived by variations of vectors, too, and with the forces of all rows.
+WITH_ENERGY = ('yy False', 'zyy False', 'zy True', 'Xy rheonomic', 'mimic', 'planar',
+               'elastic joints', 'yy prescribed', 'zy speeds', 'slider-crank', 'sleigh',
+               'disc')
+WITH_ROWS = ('four-bar revolute', 'sleigh', 'point', 'disc')
 
 
 def chain(axes, passive=False):
@@ -149,8 +157,25 @@ def constrained():
         Rolling('body', 0.5)]
 
 
+@cache
 def mechanisms():
     """Return names and robots; constrained ones also with chosen speeds where short."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        return _mechanisms()
+
+
+@cache
+def derived(name):
+    """Return the derivation of one of `mechanisms`, once for all tests that read it."""
+    robot = mechanisms()[name]
+    rows = ()
+    if name in WITH_ROWS:
+        rows = [robot.mechanism.labels[k] for k in robot.mechanism.kept]
+    return derivation(robot, auxiliary=rows, energy=name in WITH_ENERGY)
+
+
+def _mechanisms():
     robots = {}
     for name, model, options in trees():
         robots[name] = Robot(model, **options)

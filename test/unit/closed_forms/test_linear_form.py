@@ -1,7 +1,5 @@
 """Linear equations on paper are those of `linearized`, and published ones."""
 
-import warnings
-
 from kane_dynamics import (FlexibleLink, InputError, linearized, ModelBuilder,
                            point_mass, Robot)
 from kane_dynamics.closed_forms import linear_form
@@ -14,9 +12,7 @@ import sympy as sp
 NAMES = ('yy True', 'Xy rheonomic', 'mimic', 'elastic joints', 'cart',
          'yy absolute_rates', 'yy coupling', 'zy prescribed', 'Xy speeds')
 
-with warnings.catch_warnings():
-    warnings.simplefilter('ignore')
-    ROBOTS = paper_mechanisms.mechanisms()
+ROBOTS = paper_mechanisms.mechanisms()
 
 
 @pytest.mark.parametrize('name', NAMES)

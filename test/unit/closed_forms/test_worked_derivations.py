@@ -1,7 +1,6 @@
 """Derivations are the printed equations of the lecture's problems, symbol by symbol."""
 
 from pathlib import Path
-import warnings
 
 from kane_dynamics import load_urdf, ModelBuilder, point_mass, Robot
 from kane_dynamics.closed_forms import derivation
@@ -11,13 +10,6 @@ import pytest
 import sympy as sp
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf'
-WITH_ENERGY = ('yy False', 'zyy False', 'zy True', 'Xy rheonomic', 'mimic', 'planar',
-               'elastic joints', 'yy prescribed', 'zy speeds', 'slider-crank', 'sleigh',
-               'disc')
-
-with warnings.catch_warnings():
-    warnings.simplefilter('ignore')
-    ROBOTS = paper_mechanisms.mechanisms()
 
 
 def same(got, expected):
@@ -122,9 +114,9 @@ def test_the_planar_arm_and_its_tip():
         [l1 * c1 + l2 * c12, l2 * c12], [0, 0]])
 
 
-@pytest.mark.parametrize('name', WITH_ENERGY)
+@pytest.mark.parametrize('name', paper_mechanisms.WITH_ENERGY)
 def test_variations_of_vectors_give_the_same_forces_symbol_by_symbol(name):
-    form = derivation(ROBOTS[name], energy=True)
+    form = paper_mechanisms.derived(name)
     active = form.energy['gravity and springs']
     for source in ('gravity', 'springs'):
         if source in form.active:
