@@ -35,7 +35,8 @@ ARGUMENTS = {
         '', 'path of the supplement of the URDF; overrides the parameter files'),
     'constraints': (
         '', 'path of the constraints file of closed loops; overrides the files'),
-    'activation': ('', 'when the node activates itself: simulated, at_once, on_request'),
+    'activation': (
+        '', 'on_request or at_once; default: at_once with plant:=, the simulated robot'),
     'namespace': ('', 'namespace of all nodes'),
     'prefix': (
         '', 'prefix of names of joints and frames; overrides the parameter files'),
@@ -105,9 +106,10 @@ def nodes(context):
         if value[topic] != topic:
             remappings.append((topic, value[topic]))
     guarded = truth('guard', value['guard'])
-    activation = [{'activation': value['activation']}] if value['activation'] else []
+    chosen_activation = value['activation'] or (value['plant'] and 'at_once')
+    activation = [{'activation': chosen_activation}] if chosen_activation else []
     managed = truth('lifecycle_manager', value['lifecycle_manager'])
-    if managed and activation:
+    if managed and value['activation']:
         raise ValueError(f"activation: '{value['activation']}'; expected none with "
                          'lifecycle_manager:=true, which activates the node')
     if managed:

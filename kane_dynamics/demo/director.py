@@ -149,7 +149,7 @@ class Director(Node):
 
 def commands(record: Path) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
-    parameters = FR3.parameters | {'mode': 'inverse_dynamics',
+    parameters = FR3.parameters | {'mode': 'inverse_dynamics', 'activation': 'at_once',
                                    'state_timeout': str(STATE_TIMEOUT)}
     node = [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
             '--ros-args']

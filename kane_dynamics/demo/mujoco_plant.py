@@ -18,7 +18,6 @@ from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.demo.demo_settings import DemoRobot, FR3, NODE, PLANT, RATE
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.ros.common.command_topic import SIMULATED_ROBOT
 from kane_dynamics.ros.common.process import make_executor
 import mujoco
 import numpy as np
@@ -28,7 +27,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -143,8 +142,6 @@ class MujocoPlant(Node):
         self.create_subscription(JointState, f'{NODE}/joint_torques',
                                  self._on_torques, BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._simulated = self.create_publisher(Bool, f'~/{SIMULATED_ROBOT}', latched)
-        self._simulated.publish(Bool(data=True))  # so that the node activates itself
         self.create_subscription(JointTrajectory, 'desired', self._on_desired, latched)
         self.create_service(SetBool, '~/reset', self._reset)
         self.create_service(SetBool, '~/servo', self._switch_servo)

@@ -2,18 +2,17 @@
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-import math
 from pathlib import Path
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.known_arms import words
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
-from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.configuration_files import (expanded, load_model,
                                                           locked_joints, resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
@@ -46,17 +45,12 @@ from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
-ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
-# Time for which only simulated robots must subscribe before the node activates itself,
-# s: discovery may find a simulated robot before a real one.
-SETTLING = 0.5
-# The earliest self-activation after the start, s. Fast DDS announces a process every 3
-# s, and first announcements may be lost, so that a real robot is found so much later.
-DISCOVERY = 3.5
+FEEDFORWARD = ('mode inverse_dynamics: feedforward without feedback; computed_torque, '
+               'joint_impedance and cartesian_impedance have feedback')
 LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
-DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; '
-               'expected simulated robots alone while activation is simulated. Stop it, '
-               'or check the arm and activate the node again')
+# Scripts search the log for the word of the state, which this line must not have.
+CONFIGURED = ('configured; commands begin with the transition `activate`, as by '
+              '`ros2 lifecycle set {name} activate`; check the arm before')
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -82,7 +76,6 @@ class DynamicsNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('kane_dynamics')
-        self._created = time.monotonic()
         answer_service_errors(self)
         self._live = LiveParameters(self, SPECS, self._frozen, self._check_parameters,
                                     self._apply_parameters)
@@ -91,13 +84,7 @@ class DynamicsNode(LifecycleNode):
         self._bond: ManagerBond | None = None  # with a lifecycle manager
         self._description = ''  # URDF from the topic
         self._was_configured = False  # autostart configures the node once
-        self._activates_itself = False  # whether autostart is still to activate the node
-        self._simulated_since = math.inf  # since when only simulated robots subscribe, s
-        # Exists while the node is active because only simulated robots subscribed.
-        self._subscriber_watch: SubscriberWatch | None = None
-        self._real_subscriber = ''  # because of which the node deactivated itself
         self._configure_fault = ''
-        self._contradictions: list[str] = []  # of the parameters to the table of arms
         self._warn = ThrottledWarning(self.get_logger())
         self._graph_log = GraphLog(self.get_logger())
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
@@ -117,7 +104,6 @@ class DynamicsNode(LifecycleNode):
         except InputError as error:
             self.get_logger().info(str(error))
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(ACTIVATION_PERIOD, self._check_activation, clock=self._steady)
         self._reported_at = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
@@ -134,8 +120,7 @@ class DynamicsNode(LifecycleNode):
         """Return the label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
-    # Start: the URDF becomes known, autostart configures, `activation` decides what
-    # follows.
+    # Start: the URDF becomes known, autostart configures.
 
     def autostart(self) -> None:
         """Configure once, if autostart is true and the URDF is known, and activate."""
@@ -144,14 +129,12 @@ class DynamicsNode(LifecycleNode):
         if not self._has_urdf:
             self.get_logger().info(self.waiting_for)
             return
-        if self.trigger_configure() == SUCCESS and not self._activation_fault():
-            self._activates_itself = self.values['activation'] != 'on_request'
-            self._activate_if_allowed()
-            if self._activates_itself:
-                # Scripts search the log for `active`.
-                self.get_logger().info('configured; commands begin once only simulated '
-                                       'robots subscribe to `commands` (activation: '
-                                       'simulated)')
+        if self.trigger_configure() != SUCCESS or self._activation_fault():
+            return
+        if self.values['activation'] == 'at_once':
+            self.trigger_activate()
+        else:
+            self.get_logger().info(CONFIGURED.format(name=self.get_fully_qualified_name()))
 
     @property
     def _may_autostart(self) -> bool:
@@ -167,14 +150,6 @@ class DynamicsNode(LifecycleNode):
     @property
     def waiting_for(self) -> str:
         """Return the reason for which a node with autostart waits; empty if it does not wait."""
-        # From late to early: activation, then configuration, then the URDF.
-        if self._real_subscriber and self.state == 'inactive':
-            return self._deactivation_reason()
-        if self._activates_itself and self.state == 'inactive':
-            reason = not_simulated(self, 'commands') or 'activating'
-            return (f'{reason}; activation is simulated, so the node activates itself '
-                    'for simulated robots only; check the arm, then activate the node, '
-                    'or set activation: at_once')
         if not self._may_autostart:
             return ''
         if self._has_urdf:
@@ -188,54 +163,6 @@ class DynamicsNode(LifecycleNode):
         return (f'waiting for a URDF on topic robot_description ({topic}: '
                 f'{topic_state}), because the parameters urdf and robot_description are '
                 'empty')
-
-    def _check_activation(self) -> None:
-        """Activate the node, or deactivate it when a real robot subscribes."""
-        self._activate_if_allowed()
-        if self._subscriber_watch is None or self._simulated_time:
-            return
-        real_subscriber = self._subscriber_watch.real_subscriber()
-        if real_subscriber:
-            self._real_subscriber = real_subscriber
-            self.get_logger().error(self._deactivation_reason())
-            self.trigger_deactivate()
-
-    def _activate_if_allowed(self) -> None:
-        """Activate a node with autostart, if parameter activation allows it now."""
-        if not self._activates_itself or self.state != 'inactive':
-            return
-        simulated = self.values['activation'] == 'simulated'
-        if simulated and not self._is_simulated_for_long():
-            return
-        self._activates_itself = False
-        if self.trigger_activate() == SUCCESS and simulated:
-            self._subscriber_watch = SubscriberWatch(self, 'commands')
-
-    def _is_simulated_for_long(self) -> bool:
-        """Return whether only simulated robots have subscribed for `SETTLING`."""
-        # Discovery takes time: a real robot may be found a little later.
-        now = time.monotonic()
-        if self._simulated_time:
-            return True
-        if self._real_robot():
-            self._simulated_since = math.inf
-            return False
-        self._simulated_since = min(self._simulated_since, now)
-        settled = now - self._simulated_since > SETTLING
-        return settled and now - self._created > DISCOVERY
-
-    def _real_robot(self) -> str:
-        """
-        Return why `commands` may reach a robot that is not simulated.
-
-        The reason is empty if they cannot.
-        """
-        return '' if self._simulated_time else not_simulated(self, 'commands')
-
-    def _deactivation_reason(self) -> str:
-        """Return why the node deactivated itself."""
-        return DEACTIVATED.format(name=self._real_subscriber,
-                                  topic=self.resolve_topic_name('commands'))
 
     def _urdf(self) -> str | Path:
         """Return the URDF as text or path; empty if it is unknown."""
@@ -288,22 +215,19 @@ class DynamicsNode(LifecycleNode):
             return FAILURE
         result = super().on_activate(state)
         # The torque path first: states may arrive from here on.
-        self._real_subscriber = ''
         try:
             self.arm.path.start()
         except Exception as error:  # rclpy would go to `on_error` without a word
             self.get_logger().error(f'not activated: {type(error).__name__}: {error}')
             raise
-        self._activates_itself = False
         if self._bond is not None:
             self._bond.form()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
-        # A simulated robot needs neither a guard nor a check of its statements.
-        real_robot = self._real_robot()
-        if real_robot:
-            for contradiction in self._contradictions:
-                self.get_logger().warning(contradiction)
-        if real_robot and self.arm.guard is None:
+        if self.values['mode'] == Mode.INVERSE_DYNAMICS:
+            self.get_logger().info(FEEDFORWARD)
+        # A simulated robot needs no guard.
+        is_simulated = self._simulated_time or self.values['activation'] == 'at_once'
+        if self.arm.guard is None and not is_simulated:
             self.get_logger().warning(
                 'active without torque_guard: if this process died, the last torque '
                 'would stay; expected guard.enabled: true and a torque_guard, as the '
@@ -317,20 +241,16 @@ class DynamicsNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then deactivate the publishers."""
-        self._subscriber_watch = None
         self.halt()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release the robot."""
-        self._activates_itself = False
         self._release()
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros and release the robot."""
-        self._activates_itself = False
-        self._subscriber_watch = None
         self.halt()
         self._release()
         return SUCCESS
@@ -387,7 +307,7 @@ class DynamicsNode(LifecycleNode):
                              'message on topic robot_description')
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
-        self._contradictions = examine_statement(self.values, model)
+        contradictions = examine_statement(self.values, model)
         self._warn_of_gravity()
         self.statistics = Statistics()
         with reported_to(log.info):
@@ -413,10 +333,8 @@ class DynamicsNode(LifecycleNode):
         log.info(f'torque path: {self.arm.torque_path}')
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
-        # A simulated robot, which may add less, may not have been heard of yet; to a real
-        # one the activation warns.
-        for contradiction in self._contradictions:
-            log.info(contradiction)
+        for contradiction in contradictions:
+            log.warning(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
         # Last, since commands come first.

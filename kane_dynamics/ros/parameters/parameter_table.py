@@ -89,13 +89,11 @@ def live(name: str, kind: Kind, default: Any, description: str, **bounds: Any) -
 
 SPECS = (
     Spec('autostart', 'flag', True,
-         'configure the node as soon as it has the URDF, then activate '
-         'it as `activation` says', read_only=True),
-    Spec('activation', 'text', 'simulated',
-         'when a node with autostart activates itself: '
-         'simulated: once only simulated robots subscribe to `commands`, or with '
-         'use_sim_time; at_once: always; on_request: never',
-         choices=('simulated', 'at_once', 'on_request'), read_only=True),
+         'configure the node as soon as it has the URDF', read_only=True),
+    Spec('activation', 'text', 'on_request',
+         'when the node commands: on_request: once it is activated; at_once: also as soon '
+         'as autostart has configured it, for simulated arms',
+         choices=('on_request', 'at_once'), read_only=True),
     Spec('bond', 'flag', False,
          'keep a bond with a lifecycle manager, as that of Nav2, while active: it notices '
          'when this node hangs or dies; needs the package bond'),

@@ -11,13 +11,12 @@ from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import PreparedMessage, STAMP, write_joint_state
-from kane_dynamics.ros.common.command_topic import (CommanderCount, several_commanders,
-                                                    SIMULATED_ROBOT)
+from kane_dynamics.ros.common.command_topic import (CommanderCount, several_commanders)
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
                                                           robot_options)
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.node_statistics import status
-from kane_dynamics.ros.common.qos import LATCHED, RELIABLE, WRENCHES
+from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.loads.wrench_input import wrench_array
@@ -30,7 +29,7 @@ from rclpy.clock import Clock as RosClock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 IDLE = 0.05  # s between two polls while paused
@@ -70,8 +69,6 @@ class PlantNode(Node):
         # Topics and services.
         self._clock_out = self.create_publisher(Clock, '/clock', RELIABLE) if (
             values['publish_clock']) else None
-        self._simulated = self.create_publisher(Bool, f'~/{SIMULATED_ROBOT}', LATCHED)
-        self._simulated.publish(Bool(data=True))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
         self.create_subscription(Float64MultiArray, 'commands', self._on_command,

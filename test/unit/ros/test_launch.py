@@ -116,12 +116,13 @@ def test_a_node_with_an_invalid_configuration_does_not_start_again(launch_file):
 
 def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):
     files = {'supplement': '/my/arm.supplement.yaml', 'constraints': '/my/loops.yaml'}
-    node, _, plant = start(launch_file, activation='at_once', plant='plant.yaml',
-                           **files)
+    node, _, plant = start(launch_file, plant='plant.yaml', **files)
     for name, path in files.items():
         assert {name: path} in node.parameters and {name: path} in plant.parameters
     assert {'activation': 'at_once'} in node.parameters
     assert {'activation': 'at_once'} not in plant.parameters
+    node, _ = start(launch_file, config='ur10e.yaml')
+    assert {'activation': 'at_once'} not in node.parameters
 
 
 def test_urdf_overrides_the_configuration(launch_file):
