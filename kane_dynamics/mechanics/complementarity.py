@@ -28,6 +28,7 @@ BLOCKS = 20  # exchanges of all wrong rows at once, before one at a time
 MOST_SETS = 2**12  # sets of rows at their bounds that are tried
 ROUNDS, SWEEPS, STEPS = 20, 30, 30  # of sweeps, then Newton's method
 LENGTHS = 1.0, 0.5, 0.2, 0.05, 0.01  # of a step of Newton's method
+REDUNDANT = 1e-9  # as `SETTLED`, of redundant rows that contradict each other to rounding
 SETTLED = 1e-14  # residual of the projections, relative to the largest force
 # Of b, relative to its largest entry, in directions that no force changes: rounding of the
 # distances of rows that touch, times restitution, which is not known better.
@@ -118,8 +119,9 @@ def with_discs(A: Array, b: Array, lower: Array, upper: Array,
             x = projection.swept(x)
         x, converged = projection.newton(x)
         if converged:
-            x[projection.boxed] = np.clip(x, lower, upper)[projection.boxed]
-            return x
+            return projection.bounded(x)
+    if projection.residual(x) <= REDUNDANT:
+        return projection.bounded(x)
     raise ConstraintError(f'contacts: the friction of {len(discs)} contacts is not '
                           'determined: the law has no solution or several '
                           "(Painleve's paradox); expected less friction")
@@ -198,6 +200,15 @@ class _Projection:
             if x[normal] > 0.0:
                 slope[both, normal] -= friction * along
         return residual, slope
+
+    def residual(self, x: Array) -> float:
+        """Return the largest residual of the projections, relative to the largest force."""
+        return float(np.abs(self._linearized(x)[0]).max() / max(np.abs(x).max(), 1e-300))
+
+    def bounded(self, x: Array) -> Array:
+        """Return x with the rows that have a box inside it."""
+        x[self.boxed] = np.clip(x, self.lower, self.upper)[self.boxed]
+        return x
 
     def newton(self, x: Array) -> tuple[Array, bool]:
         """Return x after Newton's method, and whether it has converged."""

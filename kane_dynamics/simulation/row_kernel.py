@@ -40,6 +40,7 @@ import numpy as np
 FINITE = 1e300  # in place of infinite bounds, for which 0 times infinity would be NaN
 AT_STOP = 1e-11  # rad or m: past a stop, with constraints, after loops are closed
 STILL = 1e-9  # rad/s or m/s: rate of a joint of a tree that others hold, rounding
+SLIP = 1e-10  # m/s: against the direction of a slip that begins, rounding
 ROUNDING = 1e-12  # of forces, relative: a margin of the guards of held rows
 PER_JOINT, PER_CONTACT = 6, 6  # numbers of the modes of a row
 
@@ -397,7 +398,7 @@ def _traced_step(rows: RowSet, choice: StepChoice, state: Vector, inputs: Matrix
         slides = slides * select(begins @ begins > 0.5, 1.0, 0.0)
         of_distance.append(select(modes.touching[i] > 0.5, 1.0,
                                   contacts.distances[i] - modes.floors[i]))
-        keeps = contacts.velocities[first] @ begins
+        keeps = contacts.velocities[first] @ begins + SLIP
         of_slip.append(select(slides > 0.5, select(modes.bound[i] > 0.5, 1.0, keeps), 1.0))
         slip = velocities[first]
         speed = np.sqrt(slip @ slip)

@@ -26,6 +26,7 @@ TOUCHING = 1e-9  # rad or m: distance of rows that touch
 AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
 SLOW = 1e-9  # m/s: speed of a contact at rest
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
+OPENS = 3e-8  # acceleration of a contact that opens, relative to the largest one
 LIFT = 1e-3  # response of a contact that slides, relative to that of one without friction
 DRIVEN = 1e-12  # response of a joint that constraints drive, relative to the largest one
 TRIALS = 4  # changes of joints that break away together, for each joint
@@ -218,7 +219,8 @@ class RowModes:
         for i, normal in enumerate(self._contacts):
             if touching[k + i]:
                 upper[normal] = np.inf
-                discs.append(Disc(normal, normal + 1, normal + 2, rows.friction[i]))
+                if rows.friction[i] > 0.0:
+                    discs.append(Disc(normal, normal + 1, normal + 2, rows.friction[i]))
                 target[normal] += restitution[i] * min(0.0, now.v[normal])
         used = np.flatnonzero((lower < 0.0) | (upper > 0.0)
                               | np.isin(np.arange(m), [x for disc in discs
@@ -380,7 +382,7 @@ class RowModes:
                 self._require_lift(now, i)
                 contacts[i] = RowMode.SLIDING
                 begins[i] = slip / speed
-            else:
+            elif rows.friction[i] > 0.0:
                 discs.append(Disc(normal, normal + 1, normal + 2, rows.friction[i]))
                 tangents += both
         used = np.array([*resting, *(self._contacts[i] for i in touching), *tangents],
@@ -487,7 +489,7 @@ class RowModes:
         for i in touching:
             normal = self._contacts[i]
             force = f[normal + 1:normal + 3]
-            opens = a[normal] > still or len(self.rows.joints) + i in breaks
+            opens = a[normal] > OPENS / STILL * still or len(self.rows.joints) + i in breaks
             if not f[normal] > 0.0 and opens:
                 contacts[i] = RowMode.OFF
             elif contacts[i] != RowMode.SLIDING:
@@ -513,8 +515,11 @@ class RowModes:
         for i, mode in enumerate(modes.contacts):
             if mode != RowMode.OFF:
                 used.append(k + 3 * i)
-            if mode == RowMode.STICKING:
-                used += [k + 3 * i + 1, k + 3 * i + 2]
+            # Slip begins from rest: what is left of another direction would end it at once.
+            tangents = [k + 3 * i + 1, k + 3 * i + 2]
+            if mode == RowMode.STICKING or (mode != RowMode.OFF and
+                                            np.linalg.norm(now.v[tangents]) <= SLOW):
+                used += tangents
         if used and now.v[used].any():
             p = held(now.A[np.ix_(used, used)], now.v[used])
             after[n_q:n_q + rows.robot.n] += now.B[:, used] @ p

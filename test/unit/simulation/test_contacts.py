@@ -137,8 +137,7 @@ def test_a_box_that_falls_on_its_corners_comes_to_rest_and_never_gains_energy():
     assert (np.diff(run.energy.sum(axis=1)) < 1e-9).all() and not run.warnings
 
 
-# With 3 it rattles more often in one step than is followed, which is refused.
-@pytest.mark.parametrize('seed', [0, 1, 2, 4, 5, 6, 7])
+@pytest.mark.parametrize('seed', range(8))
 def test_a_box_that_is_thrown_in_any_orientation_comes_to_rest(seed):
     """It lands on a corner, an edge and a face, whose corners are redundant."""
     sizes = (0.2, 0.15, 0.1)
@@ -150,7 +149,7 @@ def test_a_box_that_is_thrown_in_any_orientation_comes_to_rest(seed):
     u = np.random.default_rng(seed).normal(size=6)
     contacts = [Contact(f'corner{k}', PlaneSurface(), friction=0.5, restitution=0.3)
                 for k in range(8)]
-    run = simulate(robot, q, u, 3.0, step=0.002, sample=0.02, contacts=contacts)
+    run = simulate(robot, q, u, 3.0, sample=0.02, contacts=contacts)
     np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-12)
     np.testing.assert_allclose(run.contact_forces[-1].sum(axis=0), [0, 0, G], atol=1e-9)
     heights = [robot.frame_pose(name, run.q)[:, 2, 3] for name in run.contact_names]
