@@ -266,9 +266,14 @@ def _calibrate(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.collision_calibration import DRIFT, MARGIN
     _add_model(sub)
     _add_constraints(sub)
-    sub.add_argument('recording', metavar='POSES', help='table of held poses without times, '
-                     'or a recording or ROS 2 bag of an arm that is held in poses; with '
-                     '--collision a recording of motion without contact, unfiltered')
+    sub.add_argument('recording', metavar='POSES', nargs='?',
+                     help='table of held poses without times, or a recording or ROS 2 '
+                     'bag of an arm that is held in poses; with --collision a recording '
+                     'of motion without contact, unfiltered')
+    sub.add_argument('--live', type=float, metavar='SECONDS',
+                     help='record joint states for SECONDS, while the arm is led through '
+                     'poses, by hand or by a motion, and held in each for a second')
+    sub.add_argument('--save', metavar='CSV', help='with --live: write the poses as a table')
     sub.add_argument('--loaded', metavar='POSES',
                      help='the same of poses in which the arm carries a known load')
     sub.add_argument('--load', metavar='FRAME', help='frame that carries the load')

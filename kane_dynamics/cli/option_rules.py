@@ -20,7 +20,8 @@ NEEDS: Needs = {
     'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands', 'uncertain',
                                    'constraints', 'efforts', 'efforts_without_gravity',
                                    'torque_constants', 'no_friction'), ('collision',)),
-                  'loaded': ('load',), 'load': ('loaded',), 'load_mass': ('loaded',),
+                  'save': ('live',), 'loaded': ('load',), 'load': ('loaded',),
+                  'load_mass': ('loaded',),
                   'load_com': ('loaded',)},
     'excite': {'loads': ('friction',)},
     'feasible': {'acceleration': ('time_optimal',), 'jerk': ('time_optimal',),
@@ -43,7 +44,7 @@ EXCLUDED: Needs = {
                             'as_recorded', 'derive_speeds', 'cutoff', 'resample', 'topic',
                             'plot', 'efforts', 'efforts_without_gravity',
                             'torque_constants')},
-    'calibrate': {'collision': ('loaded', 'load', 'load_mass', 'load_com')},
+    'calibrate': {'collision': ('live', 'loaded', 'load', 'load_mass', 'load_com')},
     'excite': {'friction': ('duration', 'periods', 'harmonics', 'starts', 'velocity',
                             'acceleration')},
     'feasible': {'time_optimal': ('speed', 'payload_frame', 'step'),
@@ -100,7 +101,7 @@ def _flag(name: str) -> str:
 def result_files(options: Namespace) -> list[str]:
     """Return the files that a command is told to write."""
     files = []
-    for name in ('out', 'plot', 'export'):
+    for name in ('out', 'plot', 'export', 'save'):
         path = getattr(options, name, None)
         if path:
             files.append(path)

@@ -1,20 +1,24 @@
 """The command `calibrate`: gravity by held poses, or collision detection by a motion."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 import os
 from typing import Any
 
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import (every_joint, load_robot, source_of,
                                              uncertainty_of)
+from kane_dynamics.errors import InputError
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.identification.poses.calibrate_poses import (calibrate_poses,
                                                                 PoseCalibration)
-from kane_dynamics.identification.poses.held_poses import HeldPoses, read_poses
+from kane_dynamics.identification.poses.held_poses import (held_poses, HeldPoses,
+                                                           read_poses)
 from kane_dynamics.identification.result_files import written_links
 from kane_dynamics.model.model import Inertial
 import numpy as np
@@ -26,6 +30,8 @@ CURVES = ('coulomb', 'damping', 'offset')
 
 def calibrate(options: Namespace) -> None:
     """Calibrate gravity and scales, or collision detection; print the result, or write it."""
+    if (options.recording is None) == (options.live is None):
+        raise InputError('POSES, --live: expected one of them')
     if options.collision:
         _calibrate_collision(options)
     else:
@@ -138,7 +144,10 @@ def _calibrate_gravity(options: Namespace) -> None:
         com = np.array(options.load_com)
         load = options.load, Inertial(options.load_mass, com, np.zeros((3, 3)))
         loaded = poses(options.loaded)
-    empty = poses(options.recording)
+    if options.live is not None:
+        empty = _live_poses(options, model.joint_names)
+    else:
+        empty = poses(options.recording)
     result = calibrate_poses(model, empty, loaded=loaded, load=load)
     for remark in gravity_remarks(result):
         warn(remark)
@@ -150,6 +159,21 @@ def _calibrate_gravity(options: Namespace) -> None:
         print_json(data)
     else:
         print_gravity(data)
+
+
+def _live_poses(options: Namespace, names: Sequence[str]) -> HeldPoses:
+    """Record joint states, and return the poses in which the arm is held."""
+    recorder = extra('kane_dynamics.ros.common.state_recorder', 'ros', '--live')
+    if not 0.0 < options.live < np.inf:
+        raise InputError(f'--live: {options.live}; expected a positive, finite time in s')
+    found = held_poses(recorder.record_states(names, options.live,
+                                              options.topic or 'joint_states'))
+    if options.save:
+        header = ','.join(f'{word}.{name}' for word in ('q', 'tau') for name in names)
+        with whole_file(options.save) as stream:
+            np.savetxt(stream, np.hstack([found.q, found.effort]), delimiter=',',
+                       header=header, comments='')
+    return found
 
 
 def write_calibration(options: Namespace, result: PoseCalibration) -> list[str]:

@@ -5,9 +5,11 @@ from typing import Any
 
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.identification.efforts import actuated_joints, Efforts
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.ros.common.command_form import EFFORT, effort_scale
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
@@ -100,6 +102,10 @@ class AppliedTorque:
         self._efforts = stated_efforts(values, self._robot)
         self._efforts.compile(self._robot)
         self._factor = values['efforts.factor']
+        self._scale = effort_scale(values, actuated_joints(self._robot))
+        # A drive with feedback adds a torque that the node does not know.
+        self._drive_feedback = (values['commands.form'] != EFFORT
+                                and values['mode'] == Mode.INVERSE_DYNAMICS)
         self._compared = False  # whether efforts at rest were compared with the weight
         on = terms(values)
         self._arm = None if on.arm is None else on.arm.entry(self._robot)
@@ -119,6 +125,10 @@ class AppliedTorque:
                          'joint states without velocities; the observer needs them')
             return None
         self.measured = self._source != 'command' and state.has_effort
+        if not self.measured and self._drive_feedback:
+            self._reject('no effort', 'the drives have feedback of their own; expected '
+                         'their efforts in the joint states')
+            return None
         if self._source == 'effort' and not self.measured:
             self._reject('no effort',
                          'joint states without a finite effort for each joint; '
@@ -171,7 +181,7 @@ class AppliedTorque:
         Compare them with the weight, the first time at rest.
         """
         efforts = self._efforts
-        effort = state.effort
+        effort = state.effort * self._scale
         q = state.q
         at_rest = np.abs(state.u).max(initial=0.0) < AT_REST
         # At rest, efforts must hold the weight: compared once.

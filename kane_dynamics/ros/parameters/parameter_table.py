@@ -313,6 +313,20 @@ SPECS = (
     Spec('efforts.constants', 'per_joint', [],
          'torque on the joint per motor current, N m/A or N/A, gears included, negative '
          'where the motor turns the other way; for motor_current only'),
+    Spec('efforts.scale', 'per_joint', [],
+         'torque on the joint per reported and per commanded effort, negative for the '
+         'opposite sign; torques are in N m inside'),
+    Spec('commands.form', 'text', 'effort',
+         'what `commands` are: effort; position_offset: the desired position plus torque '
+         'over commands.stiffness, for position servos; mit: five rows of desired '
+         'position, velocity, stiffness, damping and torque',
+         choices=('effort', 'mit', 'position_offset')),
+    Spec('commands.stiffness', 'per_joint', [],
+         'stiffness of the drives, N m/rad or N/m, for the forms mit and position_offset',
+         positive=True, low=0.0),
+    Spec('commands.damping', 'per_joint', [],
+         'damping of the drives, N m s/rad or N s/m: in the form mit that of the command',
+         low=0.0),
     live('efforts.factor', 'number', 10.0,
          'factor on the effort limit of a joint above which a reported effort is dropped '
          'and counted; infinite: no such check', low=1.0, infinite=True),

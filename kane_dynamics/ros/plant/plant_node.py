@@ -24,7 +24,6 @@ from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
-import numpy as np
 from rclpy.clock import Clock as RosClock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -62,7 +61,7 @@ class PlantNode(Node):
         self.paused: bool = values['start_paused']
         robot = self._load()
         # The simulation, and the schedule of its ticks in wall time.
-        self.plant = PlantState(robot, values)
+        self.plant = PlantState(robot, values, self._actuated)
         self.schedule = TickSchedule(self.plant.period / values['rate_factor'])
         self._set_up_messages()
         self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -124,7 +123,6 @@ class PlantNode(Node):
         # Measured joints may be fewer than those of the arm, in any order.
         self._measured = list(map(arm.joint_names.index, names))
         n = len(names)
-        self._commanded = arm.commanded(self._actuated)
         writer, offsets = write_joint_state(names, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
         self._columns = [self._message.doubles(offset, n) for offset in offsets]
@@ -178,14 +176,12 @@ class PlantNode(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         try:
-            torques = vector(message.data, None, len(self._commanded), 'commands')
+            numbers = vector(message.data, None, self.plant.form.count, 'commands')
         except InputError as error:
             self._reject('commands', error)
             return
         self.received += 1
-        tau = np.zeros(len(self.plant.arm.joint_names))
-        tau[self._commanded] = torques
-        self.plant.command(tau)
+        self.plant.command(numbers)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         try:

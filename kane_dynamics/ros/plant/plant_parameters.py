@@ -53,6 +53,12 @@ SPECS = (
          'torque terms that the simulated arm adds to '
          'commanded efforts itself, all but inertia; efforts in joint_states are '
          'without them'),
+    *_shared('commands.form', 'commands.stiffness'),
+    replace(BY_NAME['commands.damping'],
+            description='damping of the drives with commands of position_offset, N m s/rad '
+            'or N s/m'),
+    replace(BY_NAME['efforts.scale'],
+            description='torque of the drives per effort of `commands` and joint_states'),
     live('hold_until_command', 'flag', True,
          'hold the arm with brakes until the first command; '
          'false: the arm moves freely from the start'),

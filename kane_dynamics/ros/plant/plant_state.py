@@ -1,12 +1,13 @@
 """The plant without ROS: arm, sensors, motors and communication delays."""
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.command_form import CommandForm
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.loads.gravity_payload import parameter_loads
 from kane_dynamics.ros.loads.wrench_input import check_frames
@@ -60,7 +61,8 @@ class PlantState:
 
     """
 
-    def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, values: Mapping[str, Any],
+                 actuated: Collection[str] = ()) -> None:
         self.check(robot, values)
         self.robot = robot
         self._values = values
@@ -73,6 +75,8 @@ class PlantState:
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0
         self._zero = np.zeros(len(self.arm.joint_names))
+        self._commanded = list(self.arm.commanded(actuated))
+        self.form = CommandForm(robot, self._commanded, values)
         self._wrench_until: dict[str, int] = {}
         self.update(values)
         self.reset()
@@ -138,7 +142,7 @@ class PlantState:
             arm.reset(np.clip(initial, arm.lower, arm.upper))
         # Nothing of the time before acts any more.
         self._wrench_until.clear()
-        self._torque = self._zero
+        self._command: Array | None = None
         self._last_command: int | None = None
         self.braked = bool(self._values['hold_until_command'])
         self.timed_out = False
@@ -169,9 +173,9 @@ class PlantState:
         self.ticks = 0
         self.reset()
 
-    def command(self, tau: Array) -> None:
-        """Send torques, (n,) N m or N, to the motors."""
-        self.commands.send(self.time, tau)
+    def command(self, numbers: Array) -> None:
+        """Send a command in its form to the motors."""
+        self.commands.send(self.time, numbers)
 
     def apply_wrench(self, frame: str, wrench: Array) -> None:
         """
@@ -221,20 +225,30 @@ class PlantState:
         now = self.time
         # The state is measured before the torque that answers an earlier one acts.
         self.states.send(now, self._measured(stamp))
-        torque = self._commanded_torque(now)
+        command = self._present_command(now)
         for frame, end in list(self._wrench_until.items()):
             if end <= now:
                 del self.arm.wrenches[frame], self._wrench_until[frame]
         if not self.braked:
             for _ in range(self._values['substeps']):
-                self.arm.step(torque)
+                self.arm.step(self._torque(command))
         self.ticks += 1
         return self.states.receive(now)
 
-    def _commanded_torque(self, now: int) -> Array:
-        """Return the commanded torque, (n,), after arrivals and timeout."""
-        for tau in self.commands.receive(now):
-            self._torque = tau
+    def _torque(self, command: Array | None) -> Array:
+        """Return the torques of the drives, (n,), with a command at the present state."""
+        if command is None:
+            return self._zero
+        q, u = self.arm.measured
+        torque = self._zero.copy()
+        torque[self._commanded] = self.form.torque(command, q[self._commanded],
+                                                   u[self._commanded])
+        return torque
+
+    def _present_command(self, now: int) -> Array | None:
+        """Return the command after arrivals and timeout; None without one."""
+        for numbers in self.commands.receive(now):
+            self._command = numbers
             self._last_command = now
             self.braked = False
         # As a drive does, the arm stops or keeps the last torque when commands stay
@@ -244,11 +258,13 @@ class PlantState:
         self.timeouts += timed_out and not self.timed_out
         self.timed_out = timed_out
         zero = timed_out and self._values['after_timeout'] == 'zero'
-        return self._zero if zero else self._torque
+        return None if zero else self._command
 
     def _measured(self, stamp: int) -> Measurement:
         """Return the present state with noise."""
-        values = [*self.arm.measured, self.arm.effort.copy()]
+        effort = self.arm.effort.copy()
+        effort[self._commanded] /= self.form.scale
+        values = [*self.arm.measured, effort]
         if self._noisy:
             values = [value + size * self._random.standard_normal(len(value))
                       for value, size in zip(values, self._noise, strict=True)]

@@ -24,6 +24,8 @@ class CommandMessages:
         messages.
     stamped : Publisher, optional
         Publisher of JointCommand.
+    count : int, optional
+        Number of numbers of a command; default: one for each joint.
 
     Attributes
     ----------
@@ -36,22 +38,24 @@ class CommandMessages:
 
     def __init__(self, joints: Sequence[str], commanded: Sequence[int],
                  commands: Publisher,
-                 torques: Publisher, stamped: Publisher | None) -> None:
+                 torques: Publisher, stamped: Publisher | None,
+                 count: int | None = None) -> None:
         self.joints = tuple(joints[k] for k in commanded)
         self._count = len(joints)
         self._places = np.array(commanded, dtype=np.intp)
         self.publishers = commands, torques, stamped
         # The messages are made once; a command only fills in its numbers.
-        self._command_message = float64_multi_array(len(self.joints))
+        self._command_message = float64_multi_array(count or len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
         self._stamped_message = joint_command(self.joints, 'effort')
 
-    def publish(self, tau: Array, sec: int, nanosec: int) -> None:
-        """Publish torques of the commanded joints, first the command."""
+    def publish(self, tau: Array, sec: int, nanosec: int, command: Array | None) -> None:
+        """Publish a command, if there is one, then the torques of the commanded joints."""
         # The command first: the other topics show what it was.
-        self._command_message.numbers[:] = tau
         commands, torques, stamped = self.publishers
-        commands.publish(self._command_message.serialized())
+        if command is not None:
+            self._command_message.numbers[:] = command
+            commands.publish(self._command_message.serialized())
         if stamped is not None:
             self._stamped_message.stamp(sec, nanosec)
             self._stamped_message.numbers[:] = tau

@@ -27,6 +27,7 @@ from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refus
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import ELAPSED, HEARD, UNKNOWN
+from kane_dynamics.ros.common.command_form import EFFORT
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
@@ -79,6 +80,9 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
     modes = (*MODES, *NATIVE_MODES) if loops is None else MODES
     if equations.timed:
         return 'constraints that depend on time'
+    scale = values['efforts.scale']
+    if values['commands.form'] != EFFORT or (scale != 1.0).any():
+        return 'commands.form or efforts.scale'
     if loops is None and not equations.in_joint_rates:
         return 'chosen speeds'
     if controller.bending is not None:

@@ -26,6 +26,8 @@ from kane_dynamics.control_cycle.state_judgement import (COMPARISONS, SPEED_WIND
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.cdr import STAMP, STAMP_AT
+from kane_dynamics.ros.common.command_form import (CommandForm, EFFORT, POSITION,
+                                                   Reference)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE
@@ -114,8 +116,10 @@ class TorquePath:
         self.states = StateCheck(robot, self._reader.joints, self._reader.state, values)
         self._reader.judged = True
         commanded = commanded_joints(robot, controller.followed)
+        self.form = CommandForm(robot, commanded, values)
+        self._pose: Array | None = None  # that a drive holds without a motion
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
-                                        stamped)
+                                        stamped, self.form.count)
         self._follow = list(map(robot.joint_names.index, controller.followed))
         self.wrenches: WrenchInput | None = None
         self._guard: GuardSide | None = None
@@ -464,7 +468,35 @@ class TorquePath:
 
     def _send(self, stamp: int) -> None:
         """Publish the torques of the path, with a stamp, ns."""
-        self.messages.publish(self._memory.tau, *divmod(max(stamp, 0), NANO))
+        tau = self._memory.tau
+        command = tau if self.form.plain else self._command(tau, stamp)
+        self.messages.publish(tau, *divmod(max(stamp, 0), NANO), command)
+
+    def _command(self, tau: Array, stamp: int) -> Array | None:
+        """Return the command of torques in its form; None for a position that is unknown."""
+        form = self.form
+        if form.kind == EFFORT:
+            return np.asarray(tau / form.scale)
+        if not self.known:
+            return None if form.kind == POSITION else np.zeros(form.count)
+        of_commanded = self.messages.of_commanded
+        q = of_commanded(self._accepted())
+        u = of_commanded(self._accepted_speeds())
+        acting = self.commanding
+        desired = None
+        # In the other modes the law has the whole feedback.
+        if acting and not self.fault and self.controller.mode is Mode.INVERSE_DYNAMICS:
+            state = self.active_motion.desired(min(stamp, self._now()))
+            if state is not None:
+                desired = of_commanded(state[0]), of_commanded(state[1])
+                self._pose = None
+            else:
+                self._pose = q if self._pose is None else self._pose
+                desired = self._pose, np.zeros_like(q)
+        else:
+            self._pose = None
+        limit = of_commanded(self.controller.effort_limit)
+        return form.numbers(tau, Reference(q, u, desired), limit, acting=acting)
 
     @property
     def arbitration(self) -> Arbitration | None:

@@ -126,6 +126,7 @@ OWN = [
 # What acts in a running ROS graph, in a browser, on recordings of drives, or on arms
 # with many links: the tests of these options use them.
 ELSEWHERE = {
+    'calibrate': {'--live', '--save'},
     'identify': {'--ratio', '--skew', '--segments'}, 'excite': {'--distance'},
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},
