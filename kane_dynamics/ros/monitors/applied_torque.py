@@ -9,8 +9,8 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.identification.efforts import actuated_joints, Efforts
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
-from kane_dynamics.ros.common.command_form import EFFORT, effort_scale
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.parameters.command_form import EFFORT, effort_scale
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle

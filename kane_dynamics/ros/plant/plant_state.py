@@ -7,10 +7,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.command_form import CommandForm
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.loads.gravity_payload import parameter_loads
 from kane_dynamics.ros.loads.wrench_input import check_frames
+from kane_dynamics.ros.parameters.command_form import CommandForm
 from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulations,
                                                            per_joint)
 from kane_dynamics.ros.plant.simulated_arm import added_terms, joint_count, SimulatedArm

@@ -27,12 +27,12 @@ from kane_dynamics.loop_tracking.loop_tracker import (LoopTracker, mirror, refus
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import State
 from kane_dynamics.native.runtime.message_loop import ELAPSED, HEARD, UNKNOWN
-from kane_dynamics.ros.common.command_form import EFFORT
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.lost_messages import LostMessages
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
+from kane_dynamics.ros.parameters.command_form import EFFORT
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)

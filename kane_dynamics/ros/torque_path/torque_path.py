@@ -26,13 +26,13 @@ from kane_dynamics.control_cycle.state_judgement import (COMPARISONS, SPEED_WIND
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.cdr import STAMP, STAMP_AT
-from kane_dynamics.ros.common.command_form import (CommandForm, EFFORT, POSITION,
-                                                   Reference)
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.loads.wrench_input import WrenchInput
+from kane_dynamics.ros.parameters.command_form import (CommandForm, EFFORT,
+                                                       POSITION, Reference)
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)

@@ -41,7 +41,7 @@ class Commands:
 
 
 class Ignored:
-    """Takes messages that nobody reads."""
+    """Takes messages and forgets them."""
 
     def publish(self, data):
         """Do nothing."""

@@ -92,6 +92,7 @@ class CommandForm:
         tau : (n,) array
             Torques within their limits, N m or N.
         at : Reference
+            Measured and desired state.
         effort_limit : (n,) array
             Of the whole torque of a drive, N m or N.
         acting : bool
