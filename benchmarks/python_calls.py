@@ -1,5 +1,6 @@
 """Calls from Python compared with Pinocchio's; compile times, batches and simulation."""
 
+from functools import partial
 import json
 import os
 from pathlib import Path
@@ -9,6 +10,7 @@ import tempfile
 import time
 from timeit import Timer
 from typing import Any
+from unittest.mock import patch
 import warnings
 
 from interleaved_timing import interleaved, Timing
@@ -24,7 +26,9 @@ ARMS = ('ur10e.urdf', 'fr3.urdf')
 # Least ratio of Pinocchio's time to ours, for the calls that have a gate.
 GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0,
          'mass matrix (crba)': 5.0, 'the same, without attribute access': 12.0}
-BATCH = '10000 inverse dynamics, a batch against a loop'
+# States of batches of inverse dynamics; the peer is called in a loop of Python.
+BATCHES = (8, 64, 256, 1000, 10_000)
+KEPT = 256  # results that one statement keeps
 # Seconds in a new process, imports and the start of LLVM apart: compiled, loaded from
 # the cache.
 STARTS = (START, ROBOT, ONE, LOOPS, ALL) = (
@@ -67,6 +71,24 @@ CALLS = {
                                       'pin.rnea(peer, data, q, u, x)'),
     'the same, without attribute access': ('bound_inverse_dynamics()',
                                            'rnea(peer, data, q, u, x)'),
+    'derivatives of inverse dynamics': (
+        'robot.inverse_dynamics_derivatives(q, u, x)',
+        'pin.computeRNEADerivatives(peer, data, q, u, x)'),
+    'derivatives of forward dynamics': (
+        'robot.forward_dynamics_derivatives(q, u, x)',
+        'pin.computeABADerivatives(peer, data, q, u, x)'),
+    'Jacobian of a frame': ('robot.jacobian(frame, q)',
+                            'pin.computeFrameJacobian(peer, data, q, number, axes)'),
+    'pose of a frame': ('robot.frame_pose(frame, q)',
+                        ('pin.forwardKinematics(peer, data, q); '
+                         'pin.updateFramePlacement(peer, data, number)')),
+    'operational-space inertia': (
+        'robot.operational_space_inertia(frame, q)',
+        ('J = pin.computeFrameJacobian(peer, data, q, number, axes); '
+         'inverse(J @ pin.computeMinverse(peer, data, q) @ J.T)')),
+    'inverse dynamics, results kept': (
+        '[robot.inverse_dynamics(q, u, x) for _ in many]',
+        '[pin.rnea(peer, data, q, u, x).copy() for _ in many]'),
 }
 
 
@@ -108,8 +130,12 @@ def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
     bound.udot[:] = x
     # The statements are timed with these names as their globals.
     names: dict[str, Any] = {'robot': robot, 'bound': bound, 'q': q, 'u': u, 'x': x,
-                             'bound_inverse_dynamics': bound.inverse_dynamics}
+                             'bound_inverse_dynamics': bound.inverse_dynamics,
+                             'frame': robot.frame_names[-1], 'many': range(KEPT),
+                             'inverse': np.linalg.inv}
     if peer is not None:
+        names |= {'number': peer.getFrameId(robot.frame_names[-1]),
+                  'axes': pin.LOCAL_WORLD_ALIGNED}
         names |= {'pin': pin, 'rnea': pin.rnea, 'peer': peer,
                   'data': peer.createData()}
     # Some calls share a statement, which is timed once.
@@ -122,9 +148,10 @@ def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
                           for statement in sorted(statements)})
     timings = {}
     for what, (ours, theirs) in CALLS.items():
-        seconds = {'ours': timing.seconds[ours]}
+        calls = KEPT if 'many' in ours else 1
+        seconds = {'ours': timing.seconds[ours] / calls}
         if peer is not None:
-            seconds['theirs'] = timing.seconds[theirs]
+            seconds['theirs'] = timing.seconds[theirs] / calls
         timings[what] = Timing(seconds)
     return timings
 
@@ -142,18 +169,34 @@ def calls(path: Path) -> dict[str, Timing]:
     return call_timings(robot, peer_of(str(path), robot))
 
 
-def batch(path: Path) -> Timing:
-    """Time a batch against a loop over Pinocchio, 'ours' and 'theirs'."""
+def batch(path: Path) -> dict[str, Timing]:
+    """Time batches against a loop over Pinocchio, 'ours' and 'theirs'."""
     robot = arm(path)
     peer = peer_of(str(path), robot)
     data = peer.createData()
-    states = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 10_000, robot.n))
+    timings = {}
+    for count in BATCHES:
+        states = np.random.default_rng(1).uniform(-1.0, 1.0, (3, count, robot.n))
 
-    def peer_loop() -> None:
-        for a, b, c in zip(*states):
-            pin.rnea(peer, data, a, b, c)
-    return interleaved(
-        {'ours': lambda: robot.inverse_dynamics(*states), 'theirs': peer_loop}, turns=9)
+        def peer_loop(states: np.ndarray = states) -> None:
+            for a, b, c in zip(*states):
+                pin.rnea(peer, data, a, b, c)
+
+        def one_thread(states: np.ndarray = states) -> None:
+            with patch.dict(os.environ, {'KANE_DYNAMICS_THREADS': '1'}):
+                robot.inverse_dynamics(*states)
+        contenders = {'ours': partial(robot.inverse_dynamics, *states),
+                      'one thread': one_thread, 'theirs': peer_loop}
+        seconds = interleaved(contenders, turns=25).seconds
+        name = f'batch of {count} inverse dynamics, in lanes'
+        if count < BATCHES[-1]:
+            timings[name] = Timing({k: seconds[k] for k in ('ours', 'theirs')})
+            continue
+        timings[f'{name}, one thread'] = Timing({'ours': seconds['one thread'],
+                                                 'theirs': seconds['theirs']})
+        timings[f'{name}, all threads'] = Timing({k: seconds[k]
+                                                  for k in ('ours', 'theirs')})
+    return timings
 
 
 def simulation(path: Path, duration: float = 10.0) -> float:
@@ -211,8 +254,8 @@ def measure() -> dict[str, Any]:
 def row(what: str, timing: Timing) -> str:
     """Return one line of the table."""
     middle, low, high = timing.ratio('theirs', 'ours')
-    return (f'| {what} | {1e9 * timing.median("ours"):.0f} | '
-            f'{1e9 * timing.median("theirs"):.0f} '
+    return (f'| {what} | {1e9 * timing.undisturbed("ours"):.0f} | '
+            f'{1e9 * timing.undisturbed("theirs"):.0f} '
             f'| {middle:.1f} ({low:.1f} to {high:.1f}) |')
 
 
@@ -221,13 +264,14 @@ def main() -> int:
     warnings.simplefilter('ignore')
     print(
         f'Pinocchio {pin.__version__}, Python {sys.version.split()[0]}, '
-        f'{os.cpu_count()} processors. Times are medians; ratios are of '
-        'interleaved runs (in brackets the 10th to 90th percentile).')
+        f'{os.cpu_count()} processors. Times are those of the '
+        'least disturbed tenth of the turns (in brackets the 10th to 90th percentile of '
+        'ratios).')
     figures = measure()
     for name, timings in figures['calls'].items():
         print(f'\n### {name}\n\n| call from Python | ours, ns | Pinocchio, ns '
               '| Pinocchio / ours |\n|---|---|---|---|')
-        for what, timing in {**timings, BATCH: figures['batch'][name]}.items():
+        for what, timing in {**timings, **figures['batch'][name]}.items():
             print(row(what, timing))
         took = figures['simulation'][name]
         print(f'\nRunge-Kutta at 1 ms: 10 s simulated in {1e3 * took:.1f} ms '

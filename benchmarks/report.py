@@ -16,7 +16,6 @@ import math
 import os
 from pathlib import Path
 import platform
-import shutil
 import subprocess
 import sys
 from typing import Any
@@ -70,27 +69,33 @@ def gates() -> list[Gate]:
         Gate('inverse dynamics (rnea)', PYTHON, 6.0, 10.0),
         Gate('forward dynamics (aba)', PYTHON, 8.0, 12.0),
         Gate('mass matrix (crba)', PYTHON, 5.0, 8.0),
-        Gate('bound inverse dynamics (rnea)', PYTHON, 12.0, 20.0),
-        Gate(loop + 'inverse_dynamics', CPP, 10.0, 18.0),
-        Gate(loop + 'forward_dynamics', CPP, 10.0, 18.0),
+        Gate('bound inverse dynamics (rnea)', PYTHON, 10.0, 14.0),
+        Gate('derivatives of inverse dynamics', PYTHON, 7.0, 12.0),
+        Gate('derivatives of forward dynamics', PYTHON, 7.0, 12.0),
+        Gate('Jacobian of a frame', PYTHON, 6.0, 10.0),
+        Gate('pose of a frame', PYTHON, 6.0, 10.0),
+        Gate('inverse dynamics, results kept', PYTHON, 4.0, 6.0),
+        Gate('batch of 8 inverse dynamics, in lanes', PYTHON, 20.0, 40.0),
+        Gate(loop + 'inverse_dynamics', CPP, 8.0, 10.0),
+        Gate(loop + 'forward_dynamics', CPP, 7.5, 10.0),
         Gate(loop + 'mass_matrix', CPP, 6.0, 10.0),
-        Gate(loop + 'inverse_dynamics_derivatives', CPP, 6.0, 12.0),
+        Gate(loop + 'inverse_dynamics_derivatives', CPP, 6.0, 10.0),
         Gate(loop + 'inverse_mass_matrix', CPP, 8.0, 12.0),
-        Gate(loop + 'regressor', CPP, 5.0, 8.0), *batch_gates(wide),
-        Gate('RK4 simulation, a step', CPP, 8.0, 12.0),
+        Gate(loop + 'regressor', CPP, 4.5, 6.0), *batch_gates(wide),
+        Gate('RK4 simulation, a step', CPP, 5.0, 8.0),
         Gate('RK4 simulation, a step', MUJOCO, 10.0, 20.0),
         # The check of the energy balance costs at most two thirds of the steps' own
         # time.
         Gate('RK4 simulation, a step', UNCHECKED, 0.6, 0.85),
-        Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
-        Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
-        Gate(loop + 'forward_dynamics', CPP, 4.0, 6.0, CHAINS[:1]),
-        Gate(loop + 'forward_dynamics', CPP, 2.5, 4.0, CHAINS[1:]),
-        Gate(loop + 'mass_matrix', CPP, 2.0, 5.0, CHAINS[:1]),
-        Gate(loop + 'inverse_mass_matrix', CPP, 1.5, 4.0, CHAINS[:1]),
-        Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
-        Gate(loop + 'inverse_dynamics', CPP, 8.0, 15.0, FREE),
-        Gate(loop + 'forward_dynamics', CPP, 8.0, 15.0, FREE),
+        Gate(loop + 'inverse_dynamics', CPP, 7.0, 10.0, LARGE),
+        Gate(loop + 'forward_dynamics', CPP, 3.5, 5.5, LARGE),
+        Gate(loop + 'forward_dynamics', CPP, 2.8, 4.0, CHAINS[:1]),
+        Gate(loop + 'forward_dynamics', CPP, 1.8, 2.8, CHAINS[1:]),
+        Gate(loop + 'mass_matrix', CPP, 1.4, 3.5, CHAINS[:1]),
+        Gate(loop + 'inverse_mass_matrix', CPP, 1.1, 2.8, CHAINS[:1]),
+        Gate(loop + 'forward_dynamics_derivatives', CPP, 6.0, 8.0, ('fr3',)),
+        Gate(loop + 'inverse_dynamics', CPP, 5.5, 10.0, FREE),
+        Gate(loop + 'forward_dynamics', CPP, 5.5, 10.0, FREE),
         # its constraintDynamics, with a proximal solver
         Gate(loop + 'constraint dynamics', CPP, 12.0, 25.0, LOOPS),
         Gate('constraint dynamics', PYTHON, 20.0, 40.0, LOOPS),
@@ -131,10 +136,10 @@ STATES = {'inverse_dynamics': 100_000, 'forward_dynamics': 100_000,
 # Python, whose code they have replaced. Rows at one distance in place of pointers,
 # operations of two blocks mixed, other orders of operations, prefetches from elsewhere
 # and constants in one table gain at most 2 %, and some cost as much in other quantities.
-BATCH_GATES = {'inverse_dynamics': ((55.0, 60.0), (25.0, 40.0)),
-               'forward_dynamics': ((40.0, 60.0), (20.0, 28.0)),
-               'partial_velocities': ((8.0, 12.0), (5.0, 8.0)),
-               'inverse_dynamics_derivatives': ((8.0, 12.0), (5.0, 8.0))}
+BATCH_GATES = {'inverse_dynamics': ((35.0, 45.0), (17.0, 28.0)),
+               'forward_dynamics': ((25.0, 40.0), (13.0, 20.0)),
+               'partial_velocities': ((5.5, 8.0), (3.5, 5.5)),
+               'inverse_dynamics_derivatives': ((5.0, 8.0), (3.5, 5.0))}
 
 
 def batch_name(what: str, threads: str = ONE_THREAD) -> str:
@@ -177,10 +182,10 @@ def python_calls() -> dict[str, Any]:
     races = []
     for kind in ('calls', 'batch'):
         for name, timings in figures[kind].items():
-            timings = timings if isinstance(timings, dict) else {module.BATCH: timings}
             axes = module.arm(resource_path('urdf', f'{name}.urdf')).n
             races += [{'robot': name, 'axes': axes, 'what': what, 'peer': PYTHON,
-                       'ours': timing.median('ours'), 'theirs': timing.median('theirs'),
+                       'ours': timing.undisturbed('ours'),
+                       'theirs': timing.undisturbed('theirs'),
                        'ratio': timing.ratio('theirs', 'ours')}
                       for what, timing in timings.items()]
     return {'races': races, START: figures['start_up']}
@@ -215,8 +220,7 @@ def machine() -> dict[str, Any]:
     for line in _lines('/proc/cpuinfo'):
         if line.startswith('model name'):
             names.append(line.partition(':')[2].strip())
-    compiler = subprocess.run(['g++', '-dumpfullversion'], capture_output=True,
-                              text=True, check=False) if shutil.which('g++') else None
+    compilers = import_module('compilers')
     versions = {}
     for package in PACKAGES:
         try:
@@ -229,7 +233,9 @@ def machine() -> dict[str, Any]:
             'target': llvm.fingerprint().split('|')[1],
             'LLVM': llvm.fingerprint().split('|')[-1],
             'Python': platform.python_version(),
-            'g++': compiler.stdout.strip() if compiler else 'not installed',
+            'compilers of peers': ' and '.join(
+                f'{each.name} ({compilers.target(each)})'
+                for each in compilers.compilers()),
             'kane_dynamics': package_version(), 'load': os.getloadavg()[0], **versions}
 
 
@@ -267,9 +273,10 @@ def markdown(report: dict[str, Any]) -> str:
     lines = [
         '# Benchmarks', '', f'{report["date"]}. ' + ', '.join(
             f'{key} {value}' for key, value in report['machine'].items()) + '.', '',
-        'Times are medians. Ratios are theirs / ours, from one run in which all',
-        ('contenders alternate in shuffled order: median (10th to 90th percentile). '
-         'Reproduce'), 'with `make bench`; `benchmarks/` says how each is measured.', '',
+        'Times are those of the least disturbed tenth of the turns. Ratios are theirs /',
+        'ours, from one run in which all contenders alternate in shuffled order (in',
+        'brackets the 10th to 90th percentile of all turns). Reproduce with',
+        '`make bench`; `benchmarks/` says how each is measured.', '',
         ('Figures depend on the widest SIMD registers (AVX-512: 8 doubles, AVX2: '
          '4), most those of'), ('batches, and on fused operations. '
                                 '`KANE_DYNAMICS_SIMD=avx2 make bench` measures ours'),

@@ -62,7 +62,7 @@ def races() -> list[Race]:
     done = [timed(seed, thread_count()) for seed in range(TURNS)]
     timing = Timing(
         {'ours': np.array([x.seconds / COUNT for x in done]), CLOCK: np.ones(TURNS)})
-    return [Race('fr3', len(POSE), WHAT, CLOCK, timing.median('ours'), 1.0,
+    return [Race('fr3', len(POSE), WHAT, CLOCK, timing.undisturbed('ours'), 1.0,
                  timing.ratio(CLOCK, 'ours'))]
 
 
