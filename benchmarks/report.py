@@ -100,11 +100,11 @@ def gates() -> list[Gate]:
         Gate(loop + 'constraint dynamics', CPP, 12.0, 25.0, LOOPS),
         Gate('constraint dynamics', PYTHON, 20.0, 40.0, LOOPS),
         *(Gate(loop + what, CPP, least, stretch, LARGE) for what, least, stretch in (
-            ('inverse_mass_matrix', 5.0, 8.0), ('coriolis_matrix', 7.0, 8.0),
-            ('inverse_dynamics_derivatives', 8.0, 10.0), ('regressor', 8.0, 10.0))),
+            ('inverse_mass_matrix', 3.5, 5.5), ('coriolis_matrix', 5.0, 6.0),
+            ('inverse_dynamics_derivatives', 5.0, 7.0), ('regressor', 5.0, 7.0))),
         *(Gate(loop + what, CPP, least, stretch, LARGEST) for what, least, stretch in (
-            ('inverse_mass_matrix', 4.0, 8.0), ('coriolis_matrix', 4.0, 8.0),
-            ('inverse_dynamics_derivatives', 6.0, 8.0), ('regressor', 8.0, 10.0))),
+            ('inverse_mass_matrix', 2.8, 5.5), ('coriolis_matrix', 2.8, 5.5),
+            ('inverse_dynamics_derivatives', 4.0, 5.5), ('regressor', 5.0, 7.0))),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5)
           for what in UNDER),
         *(Gate(f'{what} {WATCHED}', UNWATCHED, 1.0 / 1.05, 1.0,
