@@ -162,6 +162,8 @@ def _identify(sub: ArgumentParser) -> None:
                      help='law of friction of all joints; default: the simplest one whose '
                           'error on rows that fits leave out is the least within its noise '
                           '(coulomb with --friction-only)')
+    sub.add_argument('--without-effort', nargs='+', metavar='JOINT',
+                     help='leave out the efforts of these joints, such as of dead sensors')
     sub.add_argument('--coupled', nargs=2, action='append', metavar='JOINT',
                      help='a motor turns with the sum or difference of these two joints, as '
                           'of some wrists; may be given several times')
@@ -251,9 +253,14 @@ def _replay(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_recording(sub)
     _add_efforts(sub)
-    sub.add_argument('--reference', metavar='RECORDING',
+    sub.add_argument('--reference', nargs='+', metavar='RECORDING',
                      help='recording of the sound arm with the same payload, best of the '
-                          'same motion: name what has changed since')
+                          'same motion: name what has changed since; further ones, as of '
+                          'other days, state by how much a sound arm changes')
+    sub.add_argument('--smallest', type=float, metavar='SHARE',
+                     help='with --reference: smallest torque of a change that is an alarm, '
+                          "as a share of a joint's torque; default: 1.5 times the largest "
+                          'change between references, 0.4 with one')
     sub.add_argument('--false-alarms', type=float, default=FALSE_ALARMS, metavar='SHARE',
                      help='with --reference: share of sound recordings with an alarm, at '
                           'most; default: %(default)g')

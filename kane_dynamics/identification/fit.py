@@ -206,7 +206,8 @@ def identify(model: Model, recording: Recording, *, test: Recording | None = Non
              friction_only: bool = False,
              bounded: bool = True, weight: float | None = None,
              standstill: float = STANDSTILL, friction: str = SELECT,
-             coupled: Sequence[tuple[str, str]] = (), diagnosed: bool = False,
+             coupled: Sequence[tuple[str, str]] = (),
+             without_effort: Sequence[str] = (), diagnosed: bool = False,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
     Fit a model to a recording, and judge the fit on rows that it has left out.
@@ -243,6 +244,9 @@ def identify(model: Model, recording: Recording, *, test: Recording | None = Non
     coupled : sequence of (str, str)
         Pairs of joints with a motor that turns with the sum or the difference of both, as of
         some wrists; the sign is the one with the smaller error.
+    without_effort : sequence of str
+        Joints whose efforts are left out, such as those of a dead sensor: their friction
+        stays that of the model, and their errors are NaN.
     diagnosed : bool
         Whether `diagnose` was called already; it is not called again then.
     progress : callable
@@ -268,12 +272,16 @@ def identify(model: Model, recording: Recording, *, test: Recording | None = Non
     require_rigid_links(model)
     pairs = _checked_pairs(model, coupled)
     if not diagnosed:
-        for finding in diagnose(model, recording):
+        for finding in diagnose(model, recording, without_effort=without_effort):
             if finding.level != 'remark':
                 warnings.warn(f'the recording does not fit the model: {finding.words}',
                               ModelWarning, stacklevel=2)
-    whole = law_rows(rows(model, recording, standstill))
-    _require_motion(whole)
+    unknown = set(without_effort) - set(model.joint_names)
+    if unknown or set(without_effort) == set(model.joint_names):
+        raise InputError(f'without_effort: {list(without_effort)}; expected some of '
+                         f'{", ".join(model.joint_names)}, not all')
+    whole = _rows_of_efforts(model, recording, standstill, without_effort)
+    _require_motion(whole, without_effort)
     # What chooses and is judged: the first half and the second, or one recording and the
     # other.
     place = phases(recording)
@@ -284,8 +292,8 @@ def identify(model: Model, recording: Recording, *, test: Recording | None = Non
         place = 2.0 * place[in_first]
     else:
         check_recording(model, test)
-        judging = law_rows(rows(model, test, standstill))
-    _require_motion(training)
+        judging = _rows_of_efforts(model, test, standstill, without_effort)
+    _require_motion(training, without_effort)
     # An infinite weight of the prior keeps the inertials as they are.
     prior = Prior(model, np.inf if friction_only else weight or USUAL_WEIGHT,
                   LOWEST if bounded else UNBOUNDED)
@@ -298,19 +306,21 @@ def identify(model: Model, recording: Recording, *, test: Recording | None = Non
         prior = prior._replace(weight=choice.weight(law))
         fit = fit_law(training, law, prior, fit)
     judging = replace(judging, coupled=training.coupled)
-    held_out = law_error(judging, fit)
+    held_out = _judged(law_error(judging, fit), without_effort, model)
     suspected = () if pairs else choice.suspected(fit, prior)
     progress(0.9)
     if test is None:
         whole = replace(whole, coupled=training.coupled)
         fit = fit_law(whole, law, prior, fit)
     result = _identification(whole, fit, prior)
+    fitted = _judged(result.fitted, without_effort, model)
     progress(1.0)
     names = model.joint_names
     before = recording_error(model, judging.data.recording)
     return replace(
-        result, candidates=choice.candidates, tested=test is not None, before=rms(before),
-        held_out=rms(held_out), held_out_moving=moving_rms(held_out, judging.data.moving),
+        result, candidates=choice.candidates, fitted=fitted, tested=test is not None,
+        before=rms(before), held_out=rms(held_out),
+        held_out_moving=moving_rms(held_out, judging.data.moving),
         suspected=tuple((names[a], names[b], gain) for a, b, gain in suspected))
 
 
@@ -351,10 +361,24 @@ def _coupled_joints(model: Model, coupled: Sequence[tuple[str, str, float]]
     return [Coupled(place(first), place(second), sign) for first, second, sign in coupled]
 
 
-def _require_motion(data: LawRows) -> None:
+def _rows_of_efforts(model: Model, recording: Recording, standstill: float,
+                     without_effort: Sequence[str]) -> LawRows:
+    """Return the rows; joints without efforts count as at rest in all of them."""
+    data = rows(model, recording, standstill)
+    has_effort = np.array([name not in without_effort for name in model.joint_names])
+    return law_rows(replace(data, moving=data.moving & has_effort))
+
+
+def _judged(error: Array, without_effort: Sequence[str], model: Model) -> Array:
+    """Return errors, NaN of joints without efforts."""
+    has_effort = np.array([name not in without_effort for name in model.joint_names])
+    return np.where(has_effort, error, np.nan)
+
+
+def _require_motion(data: LawRows, without_effort: Sequence[str]) -> None:
     """Raise InputError for a joint that hardly moves."""
     for j, count in enumerate(data.data.moving.sum(axis=0)):
-        if count < 10:
+        if count < 10 and data.data.joint_names[j] not in without_effort:
             raise InputError(f"joint '{data.data.joint_names[j]}': moves in {count} "
                              'rows of the fit; expected at least 10 (a slow motion: a smaller '
                              'standstill, --standstill)')
@@ -476,6 +500,8 @@ def identified(model: Model, x: Array, speeds: Array, fit: LawFit, *,
     # defaults.
     losses: dict[str, dict[str, Any]] = {}
     for j, name in enumerate(model.joint_names):
+        if not fit.losses[j].any():  # without efforts, it keeps its own
+            continue
         row = x[-4 * model.n:].reshape(-1, 4)[j]
         law = {**OTHER_TERMS, **dict(zip(FRICTION, row.tolist(), strict=True)),
                'friction_speed': float(speeds[j]), 'fast_damping': None,

@@ -159,9 +159,10 @@ class LawRows:
     def used(self, joint: int, law: FrictionLaw) -> Flags:
         """Return the rows that determine a joint's parameters, (N,)."""
         # At standstill friction is undetermined, but for that which remembers the motion.
+        moving = np.asarray(self.data.moving[:, joint])
         if law.presliding:
-            return np.ones(len(self.dahl), dtype=bool)
-        return np.asarray(self.data.moving[:, joint])
+            return np.full(len(moving), moving.any())
+        return moving
 
     def columns(self, joint: int, law: FrictionLaw, shape: Array, load: Array) -> Array:
         """Return the torques of a joint's losses of 1, (N, 6); zeros of unused ones."""
@@ -318,6 +319,8 @@ def _best_shapes(rows: LawRows, law: FrictionLaw, fit: LawFit, load: Array, lowe
     for j in range(len(shapes)):
         left = missing[:, j] - rows.coupling_columns(j) @ fit.couplings.ravel()
         used = rows.used(j, law)
+        if not used.any():  # without efforts
+            continue
         missed = partial(_missed, rows, j, law, load[:, j], used, left[used], bounds)
         if law.presliding:
             # The error has many minima over the travel: the candidates are few.
@@ -442,6 +445,7 @@ class Blocks:
     def __init__(self, rows: LawRows, flags: Sequence[Flags], fit: LawFit) -> None:
         self._fit = fit
         self._floor = np.maximum(FLOOR * rms(rows.torque), LEAST)
+        self._judged = rows.data.moving.any(axis=0)
         load = rows.load(fit)
         self._parts = [rows.part(block) for block in flags]
         systems = []
@@ -461,7 +465,7 @@ class Blocks:
         every, moving = [], []
         for part, others in zip(self._parts, self._others, strict=True):
             error = law_error(part, _solved(others, self._fit, scaled))
-            every.append(np.maximum(rms(error), self._floor))
+            every.append(np.where(self._judged, np.maximum(rms(error), self._floor), 1.0))
             moving.append(np.maximum(moving_rms(error, part.data.moving), self._floor))
         return np.array(every), np.array(moving)
 

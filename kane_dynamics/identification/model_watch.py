@@ -32,6 +32,11 @@ that explains most of the residuals, relative to those of the reference, is name
 the others are judged on what it leaves. What is small beside the torque of an alarm at the
 same joints (5 %) is an error of its law, and no cause. A residual that is several times
 that of the reference and that no cause explains is an alarm too, of an unknown cause.
+
+Sound arms change from day to day: friction with the temperature, offsets of sensors. Such a
+change is real, but no alarm: one is left out whose torque is less than a smallest share of
+the torques of its joints. Several references of the sound arm state by how much it changes;
+with one, a usual share is assumed.
 """
 
 from collections.abc import Sequence
@@ -66,6 +71,8 @@ STRONG = 10.0  # F of the first stage, of an instrument (Staiger and Stock 1997)
 LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
 SMOOTHED = 0.05  # s, of accelerations in the rate of the model's torque
+SMALLEST = 0.4  # share of a joint's torque, of a change that matters; of one reference
+BEYOND = 1.5  # times the largest change between references
 UNEXPLAINED = 3.0  # times the residual of the reference
 RATE_SPAN = 0.02  # s, of speeds and accelerations in the model's torque
 NEIGHBORS_OF_SPEEDS = 2  # rows, either way, whose accelerations share noise of speeds
@@ -90,6 +97,8 @@ class ModelChange(NamedTuple):
     explained : float
         Share of the squared residual that it explains, joints weighted by the residuals of
         the reference.
+    share : float
+        RMS of its torque over that of the measured one, of the joint where it is largest.
 
     """
 
@@ -98,6 +107,7 @@ class ModelChange(NamedTuple):
     size: float
     deviation: float
     explained: float
+    share: float = 0.0
 
     def __str__(self) -> str:
         """Return the change in words."""
@@ -132,6 +142,9 @@ class WatchReport:
         RMS of the residuals of the recording and of the reference, N m or N.
     alarms : tuple of ModelChange
         Empty for a sound recording, but for the stated rate of false alarms.
+    judged : (n,) array of bool
+        Joints that move enough, in the recording and in the reference; nothing is said of
+        others, nor of a payload in a recording at rest.
 
     """
 
@@ -139,6 +152,7 @@ class WatchReport:
     residual: Array
     reference: Array
     alarms: tuple[ModelChange, ...]
+    judged: Flags
 
 
 class CauseSizes(NamedTuple):
@@ -225,10 +239,14 @@ class ModelWatch:
     ----------
     model : Model
         Of the arm, as identified.
-    reference : Recording
-        Of the sound arm; not that of another payload.
+    reference : Recording or sequence of Recording
+        Of the sound arm; not that of another payload. The first one is compared with; the
+        others, as of other days, state by how much a sound arm changes.
     false_alarms : float
-        Rate of recordings of the sound arm with an alarm, at most.
+        Rate of recordings of the sound arm with an alarm, at most, by the noise alone.
+    smallest : float, optional
+        Smallest torque of a change that is an alarm, as a share of the torque of a joint.
+        Default: 1.5 times the largest change between references; 0.4 with one.
 
     Raises
     ------
@@ -237,8 +255,16 @@ class ModelWatch:
 
     """
 
-    def __init__(self, model: Model, reference: Recording, *,
-                 false_alarms: float = FALSE_ALARMS) -> None:
+    def __init__(self, model: Model, reference: Recording | Sequence[Recording], *,
+                 false_alarms: float = FALSE_ALARMS, smallest: float | None = None) -> None:
+        references = [reference] if isinstance(reference, Recording) else list(reference)
+        if not references:
+            raise InputError('reference: none; expected a recording, or several')
+        reference, *others = references
+        self._smallest = 0.0
+        if smallest is not None:
+            self._smallest = number(smallest, 'smallest', 'a number >= 0 and below 1',
+                                    lambda x: 0.0 <= x < 1.0)
         self._rate = number(false_alarms, 'false_alarms', 'a number above 0 and below 0.5',
                             lambda x: 0.0 < x < 0.5)
         _require_rows(model, reference)
@@ -261,6 +287,9 @@ class ModelWatch:
             shown = cause.directions.any()
             self._sound.append(self._sizes(cause, residual, scores) if shown else None)
         self._quantile = self._largest_ratio(len(self._sound))
+        if smallest is None:
+            shares = [alarm.share for other in others for alarm in self.report(other).alarms]
+            self._smallest = BEYOND * max(shares, default=0.0) if others else SMALLEST
 
     @on_one_processor
     def report(self, recording: Recording) -> WatchReport:
@@ -301,8 +330,9 @@ class ModelWatch:
             remaining = remaining - torque
             named = named + torque
         alarms += self._unexplained(recording, remaining, named)
+        judged = self._moved & (_moving(recording).sum(axis=0) >= FEWEST_ROWS)
         return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
-                           tuple(alarms))
+                           tuple(alarms), judged)
 
     def _largest_ratio(self, causes: int) -> float:
         """Return the largest ratio of a size to its deviation that is no alarm."""
@@ -344,6 +374,9 @@ class ModelWatch:
             joints = of_cause.any(axis=0) / self._sigma
             if np.linalg.norm(of_cause * joints) <= UNCERTAIN * np.linalg.norm(named * joints):
                 continue
+            share = _share(of_cause, recording)
+            if share < self._smallest:
+                continue
             # Causes of like directions all have a size. That which explains more of the
             # residual goes first; the sound arm's own error may even make it less than 0.
             left = float(np.sum(((residual - of_cause) / self._sigma)**2))
@@ -352,7 +385,7 @@ class ModelWatch:
                 most_explained = explained
                 torque = of_cause
                 largest = ModelChange(cause.joint, cause.name, float(change[0]),
-                                      float(deviation[0]), max(explained / whole, 0.0))
+                                      float(deviation[0]), max(explained / whole, 0.0), share)
         return largest, torque
 
     def _unexplained(self, recording: Recording, remaining: Array,
@@ -373,9 +406,10 @@ class ModelWatch:
                 without_blocks.append([np.sqrt(squares[others].sum() / max(count, 1))])
             deviation = float(_spread(np.array(without_blocks))[0])
             # A few large residuals, such as those of a contact, are no change of the arm.
-            if ratios[j] - 1.0 > self._quantile * deviation:
+            share = _share(np.where(np.arange(len(ratios)) == j, remaining, 0.0), recording)
+            if ratios[j] - 1.0 > self._quantile * deviation and share >= self._smallest:
                 alarms.append(ModelChange(self._robot.joint_names[j], UNKNOWN,
-                                          float(ratios[j]), deviation, 0.0))
+                                          float(ratios[j]), deviation, 0.0, share))
         return alarms
 
     def _delay_scores(self, recording: Recording, causes: Sequence[_Cause],
@@ -480,6 +514,13 @@ def _with_mean_rates(recording: Recording) -> Recording:
     """
     rows = _rows_of(RATE_SPAN, recording.t)
     return replace(recording, u=_mean(recording.u, rows), udot=_mean(recording.udot, rows))
+
+
+def _share(torque: Array, recording: Recording) -> float:
+    """Return the RMS of a torque over that of the measured one, of the joint with the largest."""
+    moving = _moving(recording)
+    measured = np.nan_to_num(moving_rms(recording.tau, moving), nan=np.inf)
+    return float((np.nan_to_num(moving_rms(torque, moving)) / np.maximum(measured, 1e-12)).max())
 
 
 def _moving(recording: Recording) -> Flags:

@@ -163,9 +163,11 @@ def _examine(options: Namespace, model: Model, recording: Recording) -> None:
     refused = () if options.as_recorded else ('impossible', 'wrong')
     try:
         faults = refuse_faulty(model, recording, refused,
-                               gravity_added=options.efforts_without_gravity)
+                               gravity_added=options.efforts_without_gravity,
+                               without_effort=options.without_effort or ())
     except InputError as error:
-        raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
+        raise InputError(f'{error} (--without-effort JOINT leaves out the efforts of a joint, '
+                         '--as-recorded fits all unchanged)') from None
     for fault in faults:
         warn(fault.words)
 
@@ -198,7 +200,8 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
                           friction_only=options.friction_only,
                           bounded=not options.unbounded, weight=options.weight,
                           standstill=options.standstill, friction=options.friction,
-                          coupled=options.coupled or (), diagnosed=True,
+                          coupled=options.coupled or (),
+                          without_effort=options.without_effort or (), diagnosed=True,
                           progress=progress)
     files: Sequence[str] = ()
     if options.out:

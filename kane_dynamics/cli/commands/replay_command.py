@@ -13,7 +13,7 @@ from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.model_watch import ModelWatch
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
-from kane_dynamics.identification.recordings.recording import Recording, STANDSTILL
+from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.model.model import Model
@@ -53,23 +53,22 @@ def replay(options: Namespace) -> int:
 def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str, Any]:
     """Return the changes since a reference, and the joints that cannot be judged."""
     # The reference is read by the same options as the recording, and has to be sound.
-    stated = Namespace(**{**vars(options), 'recording': options.reference})
     efforts = stated_efforts(options)
-    reference = efforts.applied(Robot(model), recorded(stated, model))
-    try:
-        refuse_faulty(model, reference, gravity_added=not efforts.gravity)
-    except InputError as error:
-        raise InputError(f'--reference: {error}') from None
-    # Friction at rest is unknown, so that only joints in motion show anything.
-    moving = np.abs(recording.u).max(axis=0) > STANDSTILL
-    if not moving.any():
-        raise InputError('recording: all joints rest; expected a motion to compare with that '
-                         'of --reference')
-    report = ModelWatch(model, reference,
-                        false_alarms=options.false_alarms).report(recording)
+    references = []
+    for path in options.reference:
+        stated = Namespace(**{**vars(options), 'recording': path})
+        reference = efforts.applied(Robot(model), recorded(stated, model))
+        try:
+            refuse_faulty(model, reference, gravity_added=not efforts.gravity)
+        except InputError as error:
+            raise InputError(f'--reference: {error}') from None
+        references.append(reference)
+    watch = ModelWatch(model, references, false_alarms=options.false_alarms,
+                       smallest=options.smallest)
+    report = watch.report(recording)
     alarms = [{**alarm._asdict(), 'words': str(alarm)} for alarm in report.alarms]
     return {'reference_rms': report.reference, 'alarms': alarms,
-            'not_judged': np.array(model.joint_names)[~moving].tolist(),
+            'not_judged': np.array(model.joint_names)[~report.judged].tolist(),
             'false_alarms': options.false_alarms}
 
 
@@ -129,11 +128,15 @@ def _print_changes(data: dict[str, Any]) -> None:
                     strict=True))
     for alarm in data['alarms']:
         print(alarm['words'])
-    if not data['alarms']:
-        print('the model describes the recording as it describes the reference')
-    if data['not_judged']:
-        print(f'cannot be judged, at rest: {", ".join(data["not_judged"])}')
-    print(f'at most {100.0 * data["false_alarms"]:g} % of sound recordings have an alarm')
+    at_rest = data['not_judged']
+    if len(at_rest) == len(data['joint_names']):
+        print('cannot judge: the arm rests, or hardly moves; expected a motion')
+    elif not data['alarms']:
+        print('the model describes the joints in motion as it describes the reference')
+    if at_rest:
+        print(f'cannot judge, at rest: {", ".join(at_rest)}')
+    rate = 100.0 * data['false_alarms']
+    print(f'at most {rate:g} % of sound recordings have an alarm by noise')
 
 
 def _delay_in_words(data: dict[str, Any]) -> str:

@@ -43,6 +43,7 @@ PARAMETERS = ('compliance', 'eta', 'skew', 'deflection_offset', 'link_damping',
               'motor_offset', 'log_slip', 'torque_delay')
 FIRST_SLIP = 0.05  # rad/s or m/s
 SLIPS = 1e-5, 50.0  # rad/s or m/s: beyond, friction is a step, or viscous
+DELAY_BLOCKS = 8  # of rows that are left out in turn
 LARGEST_FIRST_SKEW = 0.02  # s
 MOST_EVALUATIONS = 40
 ROUNDS = 3  # of the noise of friction
@@ -411,6 +412,26 @@ class GearEquations:
             a = np.column_stack(of_rows[:size])
             covariance += deviation**2 * a[:, :, None] * a[:, None, :].conj()
         return self._of.gain * covariance
+
+
+def encoder_delay(signals: JointSignals) -> tuple[float, float]:
+    """
+    Return how late the link's encoder is, and the standard deviation, s.
+
+    It is that of three columns of least squares, deflection = compliance * torque + delay *
+    speed + offset, which hold whatever the spring is; the deviation is that of fits without
+    each of some blocks of rows (jackknife).
+    """
+    torque = signals.gear_torque if signals.link is None else signals.link.torque
+    assert torque is not None
+    columns = np.column_stack([torque, signals.link_speed.values, np.ones(len(torque))])
+    deflection = signals.theta - signals.q
+    delays = []
+    for rows in np.array_split(np.arange(len(torque)), DELAY_BLOCKS):
+        others = np.setdiff1d(np.arange(len(torque)), rows)
+        delays.append(np.linalg.lstsq(columns[others], deflection[others])[0][1])
+    spread = float(np.std(delays)) * np.sqrt(DELAY_BLOCKS - 1)
+    return float(np.linalg.lstsq(columns, deflection)[0][1]), spread
 
 
 def slip_speed(value: Mapping[str, float]) -> float:

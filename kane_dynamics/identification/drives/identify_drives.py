@@ -14,11 +14,9 @@ from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fit
 from kane_dynamics.identification.drives.drive_recording import (
     DriveRecording, require_joint_count)
 from kane_dynamics.identification.drives.driven_links import DrivenLinks
-from kane_dynamics.identification.drives.gear_fit import (fitted, GearEquations, GearFit,
+from kane_dynamics.identification.drives.gear_fit import (encoder_delay, fitted,
+                                                          GearEquations, GearFit,
                                                           JointSignals, LinkTorque)
-from kane_dynamics.identification.drives.motor_side_fit import (motor_side_fit,
-                                                                MotorEquations,
-                                                                MotorSignals)
 from kane_dynamics.identification.drives.spectra import (audible_band, BEYOND_BAND,
                                                          smooth_motion, smooth_speeds,
                                                          Spectra, spectra, white_noise)
@@ -41,7 +39,7 @@ MOST_SEGMENTS = 4
 DAMPING_NEEDS = 'N m s/rad', 'motion near the resonance, where the deflection is fast'
 DELAY = 'torque delay'
 NUMBERS = 'stiffness', 'damping', 'rotor inertia', 'skew', DELAY
-BOTH_ENCODERS, SENSOR, MOTOR_SIDE = 'both encoders', 'torque sensor', 'motor side'
+BOTH_ENCODERS, SENSOR = 'both encoders', 'torque sensor'
 
 
 class DriveNumber(NamedTuple):
@@ -72,8 +70,8 @@ class DriveIdentification:
     joint_names : tuple of n str
         Joints with drives.
     source : str
-        Equations that were fitted: 'torque sensor', 'both encoders' (with the torque of
-        the links' model), or 'motor side'.
+        Equations that were fitted: 'torque sensor', or 'both encoders' (with the torque of
+        the links' model).
     stiffness, damping, rotor_inertia, skew, torque_delay : (n,) arrays
         N m/rad, N m s/rad, kg m^2, s, s; NaN where the data do not determine them, see
         `undetermined`. The skew is how late the encoders of the links are, the delay how
@@ -83,10 +81,9 @@ torque_delay_deviation : (n,) arrays
         Standard deviations; larger by the root of `misfit` than those of the noise.
     skew_share : (n,) array
         RMS of skew times speed over that of the measured deflection: what the delay
-        seems to deflect. 0 without encoders of the links.
+        seems to deflect.
     misfit : (n,) array
-        Mean square of the residuals over the noise; 1 if the equations hold. Of
-        'motor side' one for all joints.
+        Mean square of the residuals over the noise; 1 if the equations hold.
     curves : dict of str to StiffnessCurve
         Of the joints whose stiffness is a curve; `stiffness` has that at small torques.
     slope_deviation : dict of str to (k,) array
@@ -170,8 +167,6 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
     - Positions of links and a torque sensor: the sensor against the deflection.
     - Positions of links without a sensor: the torque that the links need by the model
       against the deflection. Errors of masses become errors of the stiffness.
-    - No positions of links: motor torques against a simulation of the links that the
-      motors drive; this needs motion near the resonances.
 
     Motor torques give the rotor inertia. Encoders of links that are late by a skew look
     like a spring that deflects with the speed; the skew is identified with the rest, and
@@ -228,32 +223,23 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                          'coordinate each, whose motors turn about them')
     links = DrivenLinks(model)
     require_joint_count(recording, links.joint_names)
+    if recording.q is None:
+        raise InputError('recording: no positions of the links; expected those of encoders '
+                         'behind the gears (q.<joint>)')
     if skew is not None:
         skew = number(skew, 'skew', 'a finite time in s', np.isfinite)
-        if recording.q is None:
-            raise InputError('skew: given without positions of the links; expected None, '
-                             'since the skew is theirs')
     if type(segments) is not int or not 1 <= segments <= MOST_SEGMENTS:
         raise InputError(f'segments: {segments!r}; expected an integer from 1 to '
                          f'{MOST_SEGMENTS}')
-    if segments > 1 and recording.q is None:
-        raise InputError(f'segments: {segments} without positions of the links; expected 1, '
-                         'since a curve is that of the measured deflection')
-    if recording.q is None and recording.motor_torque is None:
-        raise InputError('recording: neither positions of the links nor motor torques; '
-                         'expected one of them beside the torques of the gears')
     # Spectra need equal times between rows.
     even = recording.resampled()
     moving = np.ptp(even.theta, axis=0) > MOVES
     if not moving.any():
         raise InputError(f'recording: no motor moves more than {MOVES:g} rad; expected '
                          'motors in motion')
-    # Without encoders at the links, their motion is a part of the unknowns.
-    if even.q is None:
-        result = _motor_side(links, even)
-    else:
-        _require_joint_side(links.joint_names, even.theta, even.q)
-        result = _with_encoders(links, even, skew, segments)
+    assert even.q is not None
+    _require_joint_side(links.joint_names, even.theta, even.q)
+    result = _with_encoders(links, even, skew, segments)
     # Residuals far above the noise: the numbers would look better than they are.
     poor = np.flatnonzero(result.misfit > FITS)
     if len(poor):
@@ -395,6 +381,13 @@ def _joint_numbers(fit: GearFit, curve: CurveFit | None, skew: float | None,
     has_torque = signal.motor_torque is not None
     numbers['rotor inertia'] = _rotor_inertia(fit, has_torque)
     numbers[DELAY] = _torque_delay(fit, has_torque)
+    # No number of equations that lack something; the delay of the encoders is still one
+    # of least squares.
+    if fit.misfit > FITS:
+        reason = (f'residuals are {np.sqrt(fit.misfit):.3g} times the noise; expected at most '
+                  'twice: the equations lack something')
+        numbers = {name: DriveNumber(np.nan, np.nan, reason) for name in numbers}
+        late, of_late = encoder_delay(signal)
     # The skew of both encoders is known, or a result like the others.
     if skew is not None:
         numbers['skew'] = DriveNumber(skew, 0.0)
@@ -480,51 +473,6 @@ def _at_rest(joint: str) -> dict[str, DriveNumber]:
     reason = f"the motor of '{joint}' rests; expected motion"
     undetermined = DriveNumber(np.nan, np.nan, reason)
     return dict.fromkeys(NUMBERS, undetermined)
-
-
-# The motors' side.
-
-def _motor_side(links: DrivenLinks, recording: DriveRecording) -> DriveIdentification:
-    """Return the drives from positions and torques of motors."""
-    assert recording.motor_torque is not None
-    # Noise of the signals bounds the frequencies that count.
-    step = float(np.diff(recording.t).mean())
-    noise = {name: _noise(getattr(recording, name), step) for name in recording.signals}
-    band = audible_band(recording.motor_torque, noise['motor_torque'], step)
-    of = spectra(len(recording), step, band)
-    speeds = smooth_speeds(recording.theta, noise['theta'], step, band)
-    signals = MotorSignals(recording.t, recording.theta, recording.motor_torque, speeds,
-                           noise)
-    equations = MotorEquations(links, signals, of)
-    # One fit of all joints, because each motor moves the links of the others.
-    fit = motor_side_fit(equations)
-    numbers = []
-    for j, name in enumerate(links.joint_names):
-        if np.ptp(recording.theta[:, j]) <= MOVES:
-            numbers.append(_at_rest(name))
-            continue
-        numbers.append(_motor_side_numbers(fit.of_joint(j)))
-    count = len(numbers)
-    return _identification(links.joint_names, MOTOR_SIDE, numbers, [0.0] * count,
-                           [fit.misfit] * count, {})
-
-
-def _motor_side_numbers(fit: GearFit) -> dict[str, DriveNumber]:
-    """Return the numbers of a joint that the motor's side determines."""
-    compliance = fit.value('compliance')
-    deviation = fit.deviation('compliance')
-    # Near zero compliance the stiffness is large, but not known.
-    if deviation <= DEVIATION * compliance:
-        stiffness = DriveNumber(1.0 / compliance, deviation / compliance**2)
-    else:
-        stiffness = DriveNumber(np.nan, np.nan, (
-            f'compliance {compliance:.3g} +- {deviation:.1g} rad/(N m); expected a deviation '
-            f'of at most {DEVIATION:.0%}: motion of the motor near the resonance (below it, motor '
-            'and link move as one whatever the stiffness is)'))
-    skew = DriveNumber(np.nan, np.nan, 'no positions of the links; expected these')
-    return {'stiffness': stiffness, 'damping': _damping(fit, stiffness.value),
-            'rotor inertia': _rotor_inertia(fit, has_torque=True), 'skew': skew,
-            DELAY: _torque_delay(fit, has_torque=True)}
 
 
 def _identification(names: tuple[str, ...], source: str,

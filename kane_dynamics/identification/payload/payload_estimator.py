@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from kane_dynamics._util.checks import constant, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.payload.bristle_path import BristleState
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_fit import load_deviations, with_belief
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
@@ -81,7 +80,6 @@ class PayloadEstimator:
         self._equations = PayloadEquations(self._rows.friction_speed, self._doubt,
                                            self._belief, 1.0, self._kept,
                                            self._rows.shared)
-        self._bristled: BristleState | None = None  # at the last sample
         self._solved: tuple[Array, Array] | None = None
 
     def compile(self) -> None:  # noqa: A003
@@ -131,12 +129,8 @@ class PayloadEstimator:
             state.append(value)
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            bristled = self._bristled
-            if self._rows.bristles is not None:
-                bristled = self._rows.bristles.after(bristled, state[0], state[1],
-                                                     state[3], float(time))
             Y, rates, left, held, acting = self._rows(state[0], state[1], state[2],
-                                                      state[3], time, bristled)
+                                                      state[3], time)
             # A joint at rest may hold by friction what the model says it must hold by
             # torque.
             row = self._equations.row(Y, rates, left, self._sigma + held, acting)
@@ -144,7 +138,6 @@ class PayloadEstimator:
             raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion '
                              'in a physical range')
         self._equations.add(row)
-        self._bristled = bristled
         self._solved = None
 
     @property

@@ -25,6 +25,8 @@ TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the 
 # limit.
 DOUBT = 0.1
 ROUNDING = 1e-12  # of the largest information
+SCALE = 0.05  # standard deviation of the scale of all torques
+PRESENT = 2.0  # deviations of the mass, of a payload that is there
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
@@ -40,9 +42,9 @@ class Payload:
     mass_deviation : float
         Standard deviation of the mass, kg. All deviations count the correlation of
         residuals, and what the model's friction and the torque's zero may be wrong by:
-        `payload_equations`.
+        `payload_equations`; and a torque scale that is known to 5 %.
     com_deviation : (3,) array
-        Standard deviation of the center of mass, m.
+        Standard deviation of the center of mass, m; infinite without a clear mass.
     inertia_deviation : (3, 3) array
         Of the inertia about it, kg m^2.
     residual : (n,) array
@@ -63,6 +65,11 @@ class Payload:
     residual: Array
     held_out: Array
     condition: float
+
+    @property
+    def is_present(self) -> bool:
+        """Return whether the mass is clearly more than its deviation."""
+        return self.inertial.mass > PRESENT * self.mass_deviation
 
 
 @on_one_processor
@@ -102,10 +109,7 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     check_recording(robot.model, recording, ROWS, names)
     rows = PayloadRows(robot, frame)
     q, u, udot, tau, t = recorded_motion(robot, names, recording)
-    bristled = None
-    if rows.bristles is not None:
-        bristled = rows.bristles.along(q, u, tau, t)
-    Y, rates, torque, _, acting = rows(q, u, udot, tau, t, bristled)
+    Y, rates, torque, _, acting = rows(q, u, udot, tau, t)
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
     effort = np.asarray(robot.limits.effort)[list(map(robot.joint_names.index, names))]
@@ -135,6 +139,10 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
                          'or motions in which that mass causes joint torques')
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
+    # A wrong scale of all torques is a wrong mass, which no residual shows.
+    mass = float(np.hypot(mass, SCALE * x[0]))
+    if x[0] <= PRESENT * mass:
+        com = np.full(3, np.inf)
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
                    _inertia_deviation(x, covariance), sigma,
                    rms(torque[middle:] - Y[middle:] @ of_first_half), condition)

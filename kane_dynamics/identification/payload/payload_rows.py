@@ -10,15 +10,13 @@ joints than speeds, which may work against each other, they are the torques of l
 with that force, by the pseudoinverse, and the estimate combines them to as many rows as
 speeds. Without `actuated` each independent speed has its own actuator.
 
-Friction with presliding is that of the measured motion (`bristle_path`): its part of the
-rows does not depend on the payload.
+Friction with presliding counts as the smooth law, which is uncertain at rest.
 """
 
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.payload.bristle_path import BristlePath, BristleState
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import (coulomb, coulomb_levels, load_fractions,
                                               stribeck_excess)
@@ -120,8 +118,6 @@ class PayloadRows:
     friction, friction_speed : (m,) arrays
         Coulomb friction that may hold an actuator at rest, N m or N, and the speed at
         which it sets in, rad/s or m/s.
-    bristles : BristlePath or None
-        Of the joints with presliding friction; None without such joints.
 
     Raises
     ------
@@ -133,12 +129,7 @@ class PayloadRows:
     def __init__(self, model: Model | Robot, frame: str) -> None:
         """Find the actuators; kernels compile on first use."""
         bare = model if isinstance(model, Robot) else Robot(model)
-        self.bristles: BristlePath | None = None
-        known = bare  # of which inverse dynamics has all friction but that of bristles
-        if bare.equations.tree.bristles:
-            self.bristles = BristlePath(bare)
-            known = self.bristles.bare
-        self.regressor = PayloadRegressor(known, frame)
+        self.regressor = PayloadRegressor(bare, frame)
         self.robot = self.regressor.robot
         self.names = actuators(self.robot)
         self.shared = self.robot.n if len(self.names) > self.robot.n else 0
@@ -174,7 +165,7 @@ class PayloadRows:
         self._transmission = _transmission_kernel(robot, robot.equations)
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array,
-                 t: Any = 0.0, bristled: BristleState | None = None) -> ActuatorRows:
+                 t: Any = 0.0) -> ActuatorRows:
         """
         Return the rows of one sample or of N in a row.
 
@@ -184,8 +175,6 @@ class PayloadRows:
             As of `Robot.inverse_dynamics` and its result; rad or m, s, N m or N.
         t : float or (N,) array
             Time, s.
-        bristled : BristleState, optional
-            Of `bristles` at these samples, where it is not None.
 
         Raises
         ------
@@ -197,12 +186,8 @@ class PayloadRows:
         robot = self.robot
         Y = self.regressor(q, u, udot, t)
         residual = tau - robot.inverse_dynamics(q, u, udot, t=t)
-        unknown: Array | float = 0.0
-        if bristled is not None:
-            residual = residual - bristled.friction
-            unknown = bristled.unknown
         if self._transmission is None:
-            return ActuatorRows(Y, u, residual, self._slack(u, tau, unknown))
+            return ActuatorRows(Y, u, residual, self._slack(u, tau))
 
         # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
         times = robot.equations.time_inputs(np.broadcast_to(t, np.shape(q)[:-1]))
@@ -210,7 +195,7 @@ class PayloadRows:
         T = transmission[..., :-1]
         joint_rates = transmission[..., -1]
         # With constraints the torques do not determine the load on each drive.
-        slack = self._slack(joint_rates, 0.0, unknown)
+        slack = self._slack(joint_rates, 0.0)
 
         # From independent speeds to the rates of the actuators T_a u, if these are
         # others.
@@ -239,20 +224,16 @@ class PayloadRows:
                       *([] if self._places is None else ['joint_torques']))
         robot.kernels.kernel('inverse_dynamics', '',
                              Derivative('derivative', ('payload',)))
-        if self.bristles is not None:
-            self.bristles.compile()
 
-    def _slack(self, rates: Array, torque: Array | float,
-               unknown: Array | float) -> Array:
+    def _slack(self, rates: Array, torque: Array | float) -> Array:
         """
-        Return the most that friction may hold beyond the law, which is `unknown` at least.
+        Return the most that friction may hold beyond the law.
 
         The torque of a joint stands for the load on its drive; they differ by friction.
-        Deflections of bristles at rest are not trusted: noise of positions changes them.
         """
         slip = np.abs(coulomb(rates, self._joint_speed))
         level = self._joint_friction + self._load_fraction * np.abs(torque)
-        return np.asarray(np.maximum((1.0 - slip) * level, unknown))
+        return np.asarray((1.0 - slip) * level)
 
 
 def _holding_level(joint: Joint) -> float:

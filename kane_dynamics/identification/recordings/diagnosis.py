@@ -46,15 +46,12 @@ REVERSED = (f'{REVERSED_EFFORTS}; or the positions of that joint have the opposi
 MOST_PAUSES = 3  # of which the times are named
 EFFORT_UNITS = ((1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m'))
 LARGE_UNITS = 1e3, 1e2, 10.0, 1.0  # of efforts beyond limits; 1 if limits are too low
-OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
-ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
-BESIDE_BODIES = 0.3  # fall beside fitted bodies that no wrong inertials cause
-OF_BODIES = 0.5  # smallest fall relative to that of fitted bodies, of an encoder offset
-LEAST_OFFSET, MOST_OFFSET = 0.05, 1.0  # rad or m, of an encoder
-LEAST_TORQUE_OFFSET = 0.02  # of the effort limit
-ASYMMETRY = 0.5  # of the Coulomb friction, that is no offset of the sensor
-RANK = 1e-3  # relative size of what is regarded as zero in the fit of inertial parameters
-DIFFERENCE = 1e-4  # rad or m, of a derivative by differences
+RANK = 1e-3  # relative size of what is regarded as zero in the fit of a payload
+LEAST_SCALE = 0.6  # of efforts: a factor that is nearer to 1 is an error of masses
+MODERATE = 2.5  # a smaller factor may be one of masses
+PAYLOAD = 'a payload that the model does not have'
+LEAST_PAYLOAD = 0.03  # of the arm's mass: less is an error of masses
+FIRST = 1.3  # factor of the evidence for a payload
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
 LONG_STEP = 0.5  # s between rows: seconds would be milliseconds
@@ -102,8 +99,8 @@ class _Repair(NamedTuple):
 
 
 @on_one_processor
-def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
-             ) -> list[RecordingFault]:
+def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False,
+             without_effort: Sequence[str] = ()) -> list[RecordingFault]:
     """
     Return the problems of a recording, most severe first.
 
@@ -115,6 +112,8 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
         Of the joints of the model.
     gravity_added : bool
         Whether the gravity of the model was added to efforts that are stated to lack it.
+    without_effort : sequence of str
+        Joints whose efforts are not judged.
 
     Raises
     ------
@@ -123,6 +122,12 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
 
     """
     check_recording(model, recording)
+    if without_effort:
+        places = [model.joint_names.index(name) for name in without_effort]
+        sound_tau = recording.tau.copy()
+        computed = Robot(model).inverse_dynamics(recording.q, recording.u, recording.udot)
+        sound_tau[:, places] = computed[:, places]
+        recording = replace(recording, tau=sound_tau)
     # What no arm can do excludes further analysis.
     faults = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
@@ -151,9 +156,11 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
 
 def refuse_faulty(model: Model, recording: Recording,
                   levels: tuple[str, ...] = ('impossible', 'wrong'), *,
-                  gravity_added: bool = False) -> list[RecordingFault]:
+                  gravity_added: bool = False, without_effort: Sequence[str] = ()
+                  ) -> list[RecordingFault]:
     """Return the faults of a recording; raise InputError if one is of these levels."""
-    faults = diagnose(model, recording, gravity_added=gravity_added)
+    faults = diagnose(model, recording, gravity_added=gravity_added,
+                      without_effort=without_effort)
     refused = [fault.words for fault in faults if fault.level in levels]
     if refused:
         raise InputError(f'recording: {"; ".join(refused)}')
@@ -421,7 +428,9 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
             np.flatnonzero(factors == factor).tolist())
     for fault, faulty in joints_by_fault.items():
         if faulty:
-            yield RecordingFault('wrong', fault.format(_named(model, sorted(faulty))))
+            hedged = PAYLOAD in fault or 'masses that the model lacks' in fault
+            yield RecordingFault('remark' if hedged else 'wrong',
+                                 fault.format(_named(model, sorted(faulty))))
     if not any(joints_by_fault.values()) and not has_signal_faults:
         yield from _delays(model, torque_delays(model, smooth))
 
@@ -440,10 +449,13 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
         comparable[joints] *= abs(repair.factor)
         fall = float(np.log(errors / comparable).sum())
         reduces_all = (comparable[joints] <= 1.01 * errors[joints]).all()
+        # A payload is the first explanation: it goes before what explains as much.
+        is_payload = PAYLOAD in repair.kind
+        level = fall * (FIRST if is_payload else 1.0)
         # More joints need more evidence, and no joint may become worse.
-        if fall > repair.needed and reduces_all and fall > largest_fall + 1e-3:
+        if fall > repair.needed and (reduces_all or is_payload) and level > largest_fall + 1e-3:
             best = repair, remaining
-            largest_fall = fall
+            largest_fall = level
     if best is not None and best[0].kind == REVERSED_EFFORTS:
         repair, remaining = best
         best = _with_reversed_positions(robot, recording, repair, remaining), remaining
@@ -485,6 +497,8 @@ def _within_limits(robot: Robot,
 def _scale_words(factor: float) -> str:
     """Return the description of efforts of another unit."""
     unit = 'another unit, a current, or torque before the gearbox?'
+    if 1.0 / MODERATE < factor < MODERATE:
+        unit = 'a wrong torque constant, or masses that the model lacks?'
     for value, name in EFFORT_UNITS:
         if 0.6 < abs(factor) / value < 1.6:
             unit = f'{name}?'
@@ -507,16 +521,21 @@ def _fitted(recording: Recording, j: int, torque: Array, model: Array | None = N
 
     With a model torque, that torque is scaled too: the second result is its factor.
     """
-    columns = [_friction_columns(recording, j)]
+    # Stiction may give a joint at rest any torque.
+    moves = _moving(recording)[:, j]
+    if np.count_nonzero(moves) < FEWEST_ROWS:
+        return 1.0, 1.0
+    columns = [_friction_columns(recording, j)[moves]]
     if model is not None:
-        columns.append(model[:, None])
+        columns.append(model[moves, None])
+    torque = torque[moves]
     # Nonnegative least squares on R: friction and the model's factor cannot be
     # negative.
     equations = np.column_stack([*columns, torque])
     R: Array = np.asarray(np.linalg.qr(equations, mode='r'))
     x, residual = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
     root = math.sqrt(len(torque))
-    smallest = max(FLOOR * float(np.linalg.norm(recording.tau[:, j])), 1e-9 * root)
+    smallest = max(FLOOR * float(np.linalg.norm(recording.tau[moves, j])), 1e-9 * root)
     return max(float(residual), smallest) / root, float(x[-1])
 
 
@@ -526,16 +545,17 @@ def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
     # From the most common fault to the rarest; the best repair is chosen by its
     # residuals.
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    all_joints = tuple(range(robot.n))
-    # A fault may be that of all joints or of one.
+    # A fault may be that of all joints or of one. Rows at rest judge none.
+    all_joints = tuple(np.flatnonzero(_moving(r).sum(axis=0) >= FEWEST_ROWS).tolist())
+    if not all_joints:
+        return
     joint_sets = [all_joints]
-    if robot.n > 1:
+    if len(all_joints) > 1:
         joint_sets += [(j,) for j in all_joints]
+    yield from _unknown_payloads(robot, r, r.tau - rigid)
     yield from _sign_and_gravity_repairs(robot, r, joint_sets, gravity_added)
     yield from _scale_repairs(robot, r, rigid, errors, joint_sets)
     yield from _reversed_encoders(robot, r)
-    yield from _torque_offsets(robot, r, r.tau - rigid)
-    yield from _encoder_offsets(robot, r, errors)
     yield from _exchanged_joints(robot, r)
 
 
@@ -600,10 +620,52 @@ def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
             needed = ONCE * len(known)
             needed += float(np.log(errors[known] / of_sign[known]).sum())
             size = float(np.median(factors[known]))
-            if not 0.4 < size < 2.5:
+            if not LEAST_SCALE < size < 1.0 / LEAST_SCALE:
                 factor = sign * size
                 yield _Repair(_scale_words(factor), joints,
                               _with_torque(r, joints, r.tau / factor), needed, factor)
+
+
+def _unknown_payloads(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repair]:
+    """
+    Yield recordings without the torque of a payload that the model does not know.
+
+    Its ten parameters are fitted together with the friction of each joint, at outermost
+    bodies. Wrong masses of single links explain less than a half of three joints.
+    """
+    if robot.model.flexible:  # beams have no regressor
+        return
+    Y = robot.regressor(r.q, r.u, r.udot)
+    moving = _moving(r)
+    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
+    parents = {body.parent for body in robot.model.bodies}
+    moving_mass = sum(body.inertial.mass for body in robot.model.bodies)
+    for k, body in enumerate(robot.model.bodies):
+        if k in parents:
+            continue
+        own = Y[:, :, 10 * k:10 * k + 10]
+        rows = []
+        for j in range(robot.n):
+            basis = np.linalg.qr(_friction_columns(r, j)[moving[:, j]])[0]
+            of_joint = np.column_stack([own[moving[:, j], j], torque[moving[:, j], j]])
+            rows.append((of_joint - basis @ (basis.T @ of_joint)) / size[j])
+        A = np.vstack(rows)
+        scale = np.linalg.norm(A[:, :-1], axis=0)
+        scale[scale == 0.0] = 1.0
+        x = scientific('scipy.linalg').lstsq(A[:, :-1] / scale, A[:, -1], cond=RANK,
+                                             lapack_driver='gelsy')[0] / scale
+        if x[0] <= LEAST_PAYLOAD * moving_mass:
+            continue
+        joints = tuple(np.flatnonzero((own @ x).any(axis=0)).tolist())
+        yield _Repair(f'efforts of {{}} fit the model with about {x[0]:.2g} kg more at '
+                      f"'{body.name}': a payload that the model does not have? "
+                      f'(identify --payload {body.name})', joints,
+                      replace(r, tau=r.tau - own @ x), ONCE * min(robot.n, 3))
+
+
+def _moving(r: Recording) -> Flags:
+    """Return where joints move, (N, n)."""
+    return np.asarray(np.abs(r.u) > STANDSTILL)
 
 
 def _reversed_encoders(robot: Robot, r: Recording) -> Iterator[_Repair]:
@@ -638,128 +700,6 @@ def _exchanged_joints(robot: Robot, r: Recording) -> Iterator[_Repair]:
                       3.0 * ONCE)
         yield _Repair('{} are exchanged', pair, replace(r, **positions, tau=efforts),
                       3.0 * ONCE)
-
-
-def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repair]:
-    """
-    Yield recordings without the constant offset of one joint's torques.
-
-    Wrong masses cause a mean error too. The offset is therefore fitted together with all
-    inertial parameters, and only then compared with the given ones. Stiction may give a
-    joint at rest any torque: only rows in motion count.
-    """
-    if robot.model.flexible:  # beams have no regressor
-        return
-    Y = robot.regressor(r.q, r.u, r.udot)
-    limits = np.asarray(robot.limits.effort)
-    for j in range(robot.n):
-        moving = np.abs(r.u[:, j]) > STANDSTILL
-        if np.count_nonzero(moving) < FEWEST_ROWS:
-            continue
-        columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])[moving]
-        size = np.linalg.norm(columns, axis=0)
-        size[size == 0.0] = 1.0  # of bodies that the joint does not move
-        solution = scientific('scipy.linalg').lstsq(columns / size, torque[moving, j],
-                                                    cond=RANK, lapack_driver='gelsy')
-        *_, coulomb_friction, _, offset = (solution[0] / size).tolist()
-        # Friction differs with the direction: a smaller offset is part of it.
-        smallest = ASYMMETRY * abs(coulomb_friction)
-        if np.isfinite(limits[j]):
-            smallest = max(smallest, LEAST_TORQUE_OFFSET * float(limits[j]))
-        if abs(offset) <= smallest:
-            continue
-        tau = r.tau.copy()
-        tau[:, j] -= offset
-        yield _Repair(f'efforts of {{}} have a constant offset of about {offset:.3g} N m or N',
-                      (j,), replace(r, tau=tau), OFFSET)
-
-
-def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Repair]:
-    """
-    Yield recordings without an offset of one joint's positions.
-
-    The offset is that of a Gauss-Newton step: residuals of all joints, without what
-    their friction explains, are fitted by the derivative of the torques with respect to
-    the position.
-    """
-    for j in range(robot.n):
-        shifted = r
-        total = 0.0
-        # Gauss-Newton steps: the torque is not linear in the position.
-        for _ in range(2):
-            step = _encoder_step(robot, shifted, errors, j)
-            total += step
-            q = shifted.q.copy()
-            q[:, j] += step
-            shifted = replace(shifted, q=q)
-            if not abs(total) < MOST_OFFSET:  # the motion does not show the offset
-                break
-        if not LEAST_OFFSET < abs(total) < MOST_OFFSET:
-            continue
-        fall = float(np.log(errors / _errors(robot, shifted)).sum())
-        if fall > ENCODER_OFFSET and not _bodies_explain(robot, r, shifted, errors, fall):
-            yield _Repair(f'positions of {{}} have an offset of about {-total:.2g} rad or m', (j,),
-                          shifted, ENCODER_OFFSET)
-
-
-def _bodies_explain(robot: Robot, r: Recording, shifted: Recording, errors: Array,
-                    fall: float) -> bool:
-    """
-    Return whether wrong inertial parameters explain residuals better than an offset does.
-
-    Torques of a tool that is not mounted, or of wrong centers of mass, look like those of
-    an arm whose wrist has an offset. Fitted bodies are many unknowns and explain offsets
-    too, if joints move little. So they are the better explanation only where the offset
-    explains nothing beside them, and less than half of what they do.
-    """
-    if robot.model.flexible:  # beams have no regressor
-        return False
-    of_bodies = _errors_with_bodies(robot, r, errors)
-    beside = np.log(of_bodies / _errors_with_bodies(robot, shifted, errors)).sum()
-    by_bodies = np.log(errors / of_bodies).sum()
-    return bool(beside < BESIDE_BODIES and fall < OF_BODIES * by_bodies)
-
-
-def _errors_with_bodies(robot: Robot, r: Recording, errors: Array) -> Array:
-    """Return the RMS of each joint's residual with fitted bodies and friction, (n,)."""
-    Y = robot.regressor(r.q, r.u, r.udot)
-    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    count, n, inertial = Y.shape
-    equations = []
-    for j in range(n):
-        friction = _friction_columns(r, j)
-        width = friction.shape[1]
-        of_joint = np.zeros((count, inertial + width * n + 1))
-        of_joint[:, :inertial] = Y[:, j]
-        of_joint[:, inertial + width * j:inertial + width * (j + 1)] = friction
-        of_joint[:, -1] = r.tau[:, j] - rigid[:, j]
-        equations.append(of_joint / errors[j])
-    columns = np.vstack(equations)
-    size = np.linalg.norm(columns[:, :-1], axis=0)
-    size[size == 0.0] = 1.0
-    solution = scientific('scipy.linalg').lstsq(columns[:, :-1] / size, columns[:, -1],
-                                                cond=RANK, lapack_driver='gelsy')
-    residual = columns[:, -1] - columns[:, :-1] @ (solution[0] / size)
-    return np.asarray(errors * np.sqrt(np.mean(residual.reshape(n, count)**2, axis=1)))
-
-
-def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:
-    """Return the change of a joint's position that reduces the residuals most, rad or m."""
-    change = np.zeros(robot.n)
-    change[j] = DIFFERENCE
-    # How the torque changes with the position, from central differences.
-    high = robot.inverse_dynamics(r.q + change, r.u, r.udot)
-    low = robot.inverse_dynamics(r.q - change, r.u, r.udot)
-    slope = (high - low) / (2.0 * DIFFERENCE)
-    residual = r.tau - 0.5 * (high + low)
-    # What friction could explain is no evidence of an encoder that is off.
-    product = square = 0.0
-    for k in range(robot.n):
-        basis = np.linalg.qr(_friction_columns(r, k))[0]
-        of_slope = slope[:, k] - basis @ (basis.T @ slope[:, k])
-        product += float(of_slope @ residual[:, k]) / errors[k]**2
-        square += float(of_slope @ of_slope) / errors[k]**2
-    return product / square if square > 0.0 else 0.0
 
 
 def _friction_columns(r: Recording, j: int) -> Array:

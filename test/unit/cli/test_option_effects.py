@@ -86,7 +86,9 @@ OWN = [
     ('identify arm.urdf reversed.csv', '--as-recorded'), (IDENTIFY, '--friction-only'),
     (IDENTIFY, '--friction viscous'), (f'{IDENTIFY} --friction-only', '--unbounded'),
     (IDENTIFY, '--standstill 0.5'), (IDENTIFY, '--weight 1'),
-    (IDENTIFY, '--base-parameters'), (IDENTIFY, '--payload tip'), (IDENTIFY, '--drives'),
+    (IDENTIFY, '--test r.csv'), (IDENTIFY, '--coupled joint1 joint2'),
+    (IDENTIFY, '--without-effort joint2'), (IDENTIFY, '--base-parameters'),
+    (IDENTIFY, '--payload tip'), (IDENTIFY, '--drives'),
     (IDENTIFY, '--out better.urdf'),
     ('replay arm.urdf r.csv', '--reference r.csv'),
     ('replay arm.urdf r.csv --reference r.csv', '--false-alarms 0.05'),
@@ -127,7 +129,8 @@ OWN = [
 # with many links: the tests of these options use them.
 ELSEWHERE = {
     'calibrate': {'--live', '--save'},
-    'identify': {'--ratio', '--skew', '--segments'}, 'excite': {'--distance'},
+    'identify': {'--ratio', '--skew', '--segments'}, 'replay': {'--smallest'},
+    'excite': {'--distance'},
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},
     'view': {'--host', '--port', '--no-open'}}

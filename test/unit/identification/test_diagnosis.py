@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 import re
 
-from kane_dynamics import load_urdf, Robot
+from kane_dynamics import Inertial, load_urdf, Robot
 from kane_dynamics.cli import main
 from kane_dynamics.identification import diagnose, read_recording, Recording
+from kane_dynamics.model.model import with_payload
 from mechanisms import with_inertials
 import numpy as np
 import pytest
@@ -104,10 +105,7 @@ JOINT_FAULTS = {
     'tenth': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.1 * tau),
               'times the torques'),
     'mN m': (lambda r, j: changed(r, 'tau', j, lambda tau: 1e3 * tau), 'mN m'),
-    'encoder offset': (lambda r, j: changed(r, 'q', j, lambda q: q + 0.2),
-                       'positions of .* offset'),
-    'torque offset': (lambda r, j: changed(r, 'tau', j, lambda tau: tau + 5.0),
-                      'efforts of .* offset'), 'spike': (spike, 'have 1 outliers'),
+    'spike': (spike, 'have 1 outliers'),
     'frozen': (frozen, 'are constant from'),
     'idle': (idle, 'stay near one value while'),
     'late speeds': (late, 'speeds of .* after the changes of the positions'),
@@ -202,8 +200,7 @@ def names_joint_alone(model, r, joint, words):
 
 
 @pytest.mark.parametrize(('fault', 'joint'), [
-    ('reversed', 5), ('tenth', 4), ('mN m', 5), ('encoder offset', 2),
-    ('torque offset', 4),
+    ('reversed', 5), ('tenth', 4), ('mN m', 5),
     ('spike', 1), ('frozen', 3), ('idle', 2), ('late speeds', 1), ('zero', 2),
     ('degrees', 1)])
 def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
@@ -255,19 +252,11 @@ def fr3_recording():
     return arm, simulated(truth, 3, 0.05, duration=20.0, speed=1.5)
 
 
-# Faults of the UR10 that change its torques by less than the friction or the residuals
-# that the sound recording has. Gravity turns with the first joint, and the last turns
-# around its center of mass; 0.2 rad at the wrist changes no torque by more than 0.6 N m,
-# a third of the residual. Rigid bodies need no torque of the last joint, which at a
-# tenth has less friction. An offset of 5 N m is less than half of the friction of the
-# first three joints, as where it differs with the direction.
-HIDDEN_IN_UR10 = {('tenth', 5), *(('encoder offset', joint) for joint in (0, 3, 4, 5)),
-                  *(('torque offset', joint) for joint in range(3))}
-# Offsets of the first and last joints, and of one that the light links of the wrist
-# follow.
-HIDDEN_IN_PANDA = {('encoder offset', joint) for joint in (0, 4, 5, 6)}
+# Rigid bodies need no torque of the UR10's last joint, which at a tenth has less
+# friction.
+HIDDEN_IN_UR10 = {('tenth', 5)}
 REAL = {'ur10': (('ur10_unisa.csv', 'ur10.urdf', 6), HIDDEN_IN_UR10),
-        'panda': (('panda_unisa.csv', 'fer_hand.urdf', 7), HIDDEN_IN_PANDA)}
+        'panda': (('panda_unisa.csv', 'fer_hand.urdf', 7), set())}
 REAL = {name: arm for name, arm in REAL.items() if present(*arm[0][:2])}
 
 
@@ -460,3 +449,54 @@ def test_late_speeds_are_not_torques_that_come_early():
     findings = diagnose(model(), late(good_recording(), slice(None)))
     words = [finding.words for finding in findings]
     assert not any('motion that they belong to' in finding for finding in words), words
+
+
+def test_an_effort_that_is_doubled_is_remarked_on_with_its_joint():
+    for joint in (1, 2):
+        doubled = changed(good_recording(), 'tau', joint, lambda tau: 2.0 * tau)
+        findings = diagnose(model(), doubled)
+        words = [f.words for f in findings if model().joint_names[joint] in f.words]
+        assert any('times the torques' in w for w in words), findings
+
+
+@pytest.mark.parametrize('mass', [2.0, 6.0])
+def test_a_payload_that_the_model_does_not_have_is_the_first_explanation(mass):
+    truth = load_urdf(URDF, supplement={'joints': FRICTION})
+    tool = Inertial(mass, (0.0, 0.02, 0.08), 0.01 * np.eye(3))
+    loaded = with_payload(truth, 'tool0', tool)
+    findings = diagnose(model(), simulated(loaded, 3, 0.3, duration=10.0))
+    words = ' '.join(finding.words for finding in findings)
+    assert [finding.level for finding in findings] == ['remark'], words
+    kilograms = float(re.search(r'about ([\d.]+) kg more', words)[1])
+    assert kilograms == pytest.approx(mass, rel=0.15)
+    assert 'identify --payload' in words
+
+
+@pytest.mark.parametrize('joint', [1, 2])
+def test_efforts_of_a_joint_at_rest_judge_no_sign_and_no_scale(joint):
+    # Stiction holds the weight in part, or pushes the other way.
+    for stiction in (-3.5, 3.5):
+        r = resting(good_recording(), joint, 1.0, stiction)
+        tau = r.tau.copy()
+        tau[:, joint] *= -0.3
+        findings = diagnose(model(), replace(r, tau=tau))
+        name = model().joint_names[joint]
+        words = [f.words for f in findings if name in f.words]
+        assert not [w for w in words if 'sign' in w or 'times' in w], words
+
+
+def test_one_bad_joint_is_left_out_by_name_and_the_others_are_fitted(tmp_path, capsys):
+    sound = good_recording()
+    dead = changed(sound, 'tau', 3, lambda tau: 0.0 * tau)
+    path = tmp_path / 'dead.npz'
+    np.savez(path, t=dead.t, q=dead.q, u=dead.u, udot=dead.udot, tau=dead.tau)
+    arguments = ['identify', str(URDF), str(path), '--friction', 'coulomb', '--json']
+    assert main(arguments) == 2
+    assert '--without-effort' in capsys.readouterr().err
+    assert main([*arguments, '--without-effort', 'wrist_1_joint']) == 0
+    left_out = json.loads(capsys.readouterr().out)
+    others = [0, 1, 2, 4, 5]
+    held_out = np.array(left_out['rms_held_out'], dtype=float)
+    before = np.array(left_out['rms_before'])
+    assert (held_out[others] < 0.3 * before[others]).all()
+    assert left_out['rms_held_out'][3] is None

@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from elastic_arm import (large_motion, Noise, simulated, small_vibration, softening,
-                         Truth, URDF)
+from elastic_arm import (large_motion, simulated, softening, Truth, URDF)
 from kane_dynamics import Drive, InputError, load_urdf, ModelWarning, Robot, with_drives
 from kane_dynamics.identification import (DriveRecording, identify_drives,
                                           read_drive_recording)
@@ -31,14 +30,6 @@ def short():
 def long():
     """Return ten seconds of motion."""
     return simulated(large_motion(3, (2000.0, 800.0)), 10.0)
-
-
-@pytest.fixture(scope='module')
-def vibration():
-    """Return eight seconds of vibration about a configuration."""
-    configuration = 0.4, 0.5
-    return simulated(small_vibration(5, (12.0, 5.0), configuration, (600.0, 300.0)), 8.0,
-                     start=configuration)
 
 
 @pytest.fixture(scope='module')
@@ -92,14 +83,23 @@ def test_a_sensor_and_both_encoders_determine_drives_and_skew(model, short):
     assert supplement.digest() == result.elastic(model).digest()
 
 
-def test_without_the_skew_the_stiffness_would_be_wrong(model, short):
+def test_equations_that_lack_something_state_the_delay_of_the_encoders_and_no_more(
+        model, short):
     recording = short.measured(1, use=('q', 'gear_torque'))
     result = identify_drives(model, recording)
     synchronous = identify_drives(model, recording.synchronized(result.skew), skew=0.0)
     assert np.allclose(synchronous.stiffness, short.truth.stiffness, rtol=2e-3)
+    # A wrong skew, and hysteresis of the gear that no equation has.
     with pytest.warns(ModelWarning, match='residuals'):
         wrong = identify_drives(model, recording, skew=0.0)
-    assert (np.abs(wrong.stiffness / short.truth.stiffness - 1.0) > 0.005).any()
+    assert np.isnan(wrong.stiffness).all() and np.isnan(wrong.damping).all()
+    assert 'times the noise' in wrong.undetermined['elbow stiffness']
+    speed = np.gradient(recording.theta, recording.t, axis=0)
+    hysteresis = replace(recording, q=recording.q + 3e-4 * np.tanh(speed / 0.3))
+    with pytest.warns(ModelWarning, match='residuals'):
+        result = identify_drives(model, hysteresis)
+    assert np.isnan(result.stiffness).all()
+    np.testing.assert_allclose(result.skew, 0.003, atol=5e-4)
 
 
 def assert_stiffening_shoulder(result, skew_deviation):
@@ -214,7 +214,7 @@ def test_a_recording_is_checked(model, short):
                             **options)
     with pytest.raises(InputError, match='no motor moves'):
         identify_drives(model, replace(good, theta=0.0 * good.theta, q=0.0 * good.q))
-    with pytest.raises(InputError, match='neither positions of the links'):
+    with pytest.raises(InputError, match='no positions of the links'):
         identify_drives(model, replace(good, q=None))
     with pytest.raises(InputError, match='1 joints; expected 2'):
         identify_drives(model, DriveRecording(good.t, good.theta[:, :1], good.q[:, :1]))
@@ -224,9 +224,6 @@ def test_a_recording_is_checked(model, short):
         with pytest.raises(InputError,
                            match=r'segments: .*; expected an integer from 1 to 4'):
             identify_drives(model, good, segments=segments)
-    motors = short.measured(0, use=('motor_torque',))
-    with pytest.raises(InputError, match='segments: 2 without positions of the links'):
-        identify_drives(model, motors, segments=2)
     elastic = with_drives(model, {'elbow': Drive(1000.0, rotor_inertia=0.1)})
     with pytest.raises(InputError, match='elastic joints already'):
         identify_drives(elastic, good)
@@ -258,25 +255,3 @@ def test_true_drives_lie_within_two_deviations_by_a_torque_sensor(model, long):
 @pytest.mark.timeout(3600)
 def test_true_drives_lie_within_two_deviations_by_the_torque_of_the_links(model, long):
     covered(model, long, ('q', 'motor_torque'))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_true_drives_lie_within_two_deviations_by_motors_alone(model, vibration):
-    covered(model, vibration, ('motor_torque',), numbers=NUMBERS)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_slow_motion_of_the_motors_determines_no_stiffness(model):
-    slow = simulated(
-        large_motion(3, (2000.0, 800.0)), 6.0,
-        truth=replace(Truth(), stiffness=(3e6, 1.2e6), damping=(50.0, 20.0)))
-    result = identify_drives(model, slow.measured(0, use=('motor_torque',)))
-    assert np.isnan(result.stiffness).all()
-    assert 'near the resonance' in result.undetermined['shoulder stiffness']
-    with_encoders = identify_drives(model, slow.measured(
-        0, Noise(theta=2e-4, q=2e-4), use=('q', 'gear_torque')))
-    assert np.isnan(with_encoders.stiffness).all()
-    assert 'stiffer than' in with_encoders.undetermined['shoulder stiffness']
-    assert not with_encoders.drives()

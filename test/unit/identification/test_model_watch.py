@@ -1,7 +1,8 @@
 """A watch names what has changed, at the right joint, and is else silent."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from itertools import pairwise
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
@@ -16,6 +17,9 @@ URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
         'ur10': ('ur10_unisa.csv', 'ur10.urdf', 6)}
 LOSSES = {'damping': 8.0, 'friction': 6.0, 'armature': 0.2}
+
+
+watch_of = partial(ModelWatch, smallest=0.0)  # every change matters
 
 
 def with_losses(model, factor=1.0):
@@ -84,7 +88,7 @@ def spoilt(model, r):
                           pytest.param('ur10', marks=pytest.mark.slow)])
 def test_nine_of_ten_faults_are_named_with_their_joint_and_no_sound_recording_is(name):
     model, sound = recorded(name)
-    watch = ModelWatch(model, sound)
+    watch = watch_of(model, sound)
     assert watch.report(sound).alarms == ()
     named = 0
     misses = []
@@ -108,7 +112,7 @@ def test_the_size_of_a_change_is_found_within_its_deviation(cause, size):
     tau = sound.tau.copy()
     tau[:, 1] += added if cause != 'delay' else np.interp(
         sound.t - size, sound.t, sound.tau[:, 1]) - sound.tau[:, 1]
-    alarm = ModelWatch(model, sound).report(replace(sound, tau=tau)).alarms[0]
+    alarm = watch_of(model, sound).report(replace(sound, tau=tau)).alarms[0]
     assert (alarm.cause, alarm.joint) == (cause, model.joint_names[1])
     assert alarm.size == pytest.approx(size, rel=0.15)
     assert alarm.joint in str(alarm)
@@ -118,7 +122,7 @@ def test_the_size_of_a_change_is_found_within_its_deviation(cause, size):
 def test_false_alarms_of_other_sound_recordings_are_at_most_the_stated_rate():
     model = with_losses(load_urdf(URDF.with_name('two_link.urdf')))
     reference = simulated(model, 0, 0.5, duration=8.0)
-    watch = ModelWatch(model, reference, false_alarms=0.05)
+    watch = watch_of(model, reference, false_alarms=0.05)
     alarms = 0
     for seed in range(1, 61):
         noise = 0.5 * np.random.default_rng(seed).normal(size=reference.tau.shape)
@@ -137,7 +141,7 @@ def test_false_alarms_of_other_motions_are_at_most_the_stated_rate():
         rng = np.random.default_rng(seed)
         sound = drifting(model, 0.3, rng)
         other_recording = drifting(model, 1.3, rng)
-        alarms += bool(ModelWatch(model, sound).report(other_recording).alarms)
+        alarms += bool(watch_of(model, sound).report(other_recording).alarms)
     assert alarms <= 8  # 3 are expected at most; 9 or more have a probability of 0.4 %
 
 
@@ -170,7 +174,7 @@ def measured(model, noise_seed, delay=0.0, motion_seed=3, speed=2.0, noise=0.2,
                                    pytest.param(-0.004, marks=pytest.mark.slow)])
 def test_a_common_delay_is_one_alarm_with_its_size(delay):
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1))
+    watch = watch_of(model, measured(model, 1))
     alarm, = watch.report(measured(model, 2, delay)).alarms
     assert (alarm.cause, alarm.joint) == ('delay', 'all joints')
     assert abs(alarm.size - delay) < 3.0 * alarm.deviation < 0.001
@@ -179,7 +183,7 @@ def test_a_common_delay_is_one_alarm_with_its_size(delay):
 @pytest.mark.parametrize('motion_seed', [3, 4])
 def test_a_delay_beyond_those_that_are_tried_is_a_change_of_unknown_cause(motion_seed):
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1))
+    watch = watch_of(model, measured(model, 1))
     late = measured(model, 2, 0.1, motion_seed)
     alarms = watch.report(late).alarms
     assert {alarm.cause for alarm in alarms} == {'unknown'}
@@ -189,7 +193,7 @@ def test_a_delay_beyond_those_that_are_tried_is_a_change_of_unknown_cause(motion
 
 def test_a_short_contact_is_no_change_of_the_arm():
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1))
+    watch = watch_of(model, measured(model, 1))
     recording = measured(model, 2)
     tau = recording.tau.copy()
     tau[1000:1040] += 60.0
@@ -208,7 +212,7 @@ def test_numbers_of_a_change_have_units():
 
 def test_a_payload_is_one_alarm_though_it_increases_load_friction():
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1))
+    watch = watch_of(model, measured(model, 1))
     payload = Inertial(2.0, (0.0, 0.0, 0.05), np.zeros((3, 3)))
     loaded = with_payload(model, model.bodies[-1].name, payload)
     alarm, = watch.report(measured(loaded, 2)).alarms
@@ -218,7 +222,7 @@ def test_a_payload_is_one_alarm_though_it_increases_load_friction():
 
 def test_noise_of_the_motion_is_no_alarm_in_a_motion_that_is_repeated():
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1))
+    watch = watch_of(model, measured(model, 1))
     for noise_seed in (2, 3, 4):
         assert watch.report(measured(model, noise_seed)).alarms == ()
 
@@ -227,7 +231,7 @@ def test_noise_of_the_motion_is_no_alarm_in_a_motion_that_is_repeated():
 def test_noise_of_joints_without_load_is_no_delay(motion_seed):
     # Joints of a slow arm without friction have less torque than noise.
     model = load_urdf(URDF)
-    watch = ModelWatch(model, measured(model, 1, speed=0.3, noise=0.5))
+    watch = watch_of(model, measured(model, 1, speed=0.3, noise=0.5))
     sound = measured(model, 2, motion_seed=motion_seed, speed=0.3, noise=0.5)
     assert watch.report(sound).alarms == ()
 
@@ -247,7 +251,7 @@ def test_noise_of_accelerations_is_no_change_at_another_rate(drives, rate, other
     model = load_urdf(URDF)
     if drives == 'with gears':
         model = with_gears(model)
-    watch = ModelWatch(model, slow_motion(model, 1, rate, amount), false_alarms=0.01)
+    watch = watch_of(model, slow_motion(model, 1, rate, amount), false_alarms=0.01)
     for seed in range(10, 16):
         sound = slow_motion(model, seed, other_rate, amount)
         assert watch.report(sound).alarms == ()
@@ -264,14 +268,14 @@ def test_false_alarms_at_another_rate_are_at_most_the_stated_rate(rate, other_ra
     for seed in range(200):
         if seed % 20 == 0:
             sound = slow_motion(model, 1000 + seed, rate, amount)
-            watch = ModelWatch(model, sound, false_alarms=0.01)
+            watch = watch_of(model, sound, false_alarms=0.01)
         alarms += bool(watch.report(slow_motion(model, seed, other_rate, amount)).alarms)
     assert alarms <= 2
 
 
 def test_faults_are_named_at_another_rate():
     model = with_gears(load_urdf(URDF))
-    watch = ModelWatch(model, measured(model, 1, rate=1000.0))
+    watch = watch_of(model, measured(model, 1, rate=1000.0))
     sound = measured(model, 2, motion_seed=5, rate=100.0)
     assert watch.report(sound).alarms == ()
     misses = []
@@ -286,7 +290,7 @@ def test_faults_are_named_at_another_rate():
 def test_other_motion_shows_a_large_change_and_no_false_one():
     model, sound = recorded('simulated')
     other_recording = simulated(model, 5, 0.5, duration=12.0, rate=60.0)
-    watch = ModelWatch(model, sound)
+    watch = watch_of(model, sound)
     assert watch.report(other_recording).alarms == ()
     tau = other_recording.tau.copy()
     tau[:, 2] *= 0.8
@@ -298,9 +302,57 @@ def test_invalid_arguments_of_a_watch_are_refused():
     model, sound = recorded('simulated')
     with pytest.raises(InputError,
                        match=r'false_alarms: 0\.7; expected a number above 0'):
-        ModelWatch(model, sound, false_alarms=0.7)
+        watch_of(model, sound, false_alarms=0.7)
     with pytest.raises(InputError, match='recording: 20 rows; expected at least 160'):
-        ModelWatch(model, sound.rows(slice(0, 20)))
+        watch_of(model, sound.rows(slice(0, 20)))
     without_efforts = replace(sound, tau=np.zeros_like(sound.tau))
     with pytest.raises(InputError, match='the efforts are all 0; expected measured'):
-        ModelWatch(model, sound).report(without_efforts)
+        watch_of(model, sound).report(without_efforts)
+
+
+def another_day(model, rng):
+    """Return the arm at another temperature, with other offsets of its sensors."""
+    bodies = []
+    for body in model.bodies:
+        joint = body.joint
+        factor = 1.0 + 0.1 * rng.normal()
+        bodies.append(replace(body, joint=replace(
+            joint, damping=factor * joint.damping, friction=factor * joint.friction,
+            friction_offset=0.05 * joint.friction * rng.normal())))
+    return replace(model, bodies=tuple(bodies))
+
+
+def test_sound_pairs_of_different_days_have_no_alarm_and_a_payload_has_one():
+    model = with_losses(load_urdf(URDF))
+    days = [another_day(model, np.random.default_rng(seed)) for seed in range(5)]
+    recordings = [measured(day, seed, motion_seed=seed)
+                  for seed, day in enumerate(days)]
+    for first, second in pairwise(recordings):
+        assert ModelWatch(model, first).report(second).alarms == ()
+    tool = Inertial(6.0, (0.0, 0.0, 0.1), 0.01 * np.eye(3))
+    loaded = with_payload(days[4], 'tool0', tool)
+    report = ModelWatch(model, recordings[0]).report(measured(loaded, 9, motion_seed=4))
+    assert 'payload' in {alarm.cause for alarm in report.alarms}
+
+
+def test_several_references_state_by_how_much_a_sound_arm_changes():
+    model = with_losses(load_urdf(URDF))
+    rng = np.random.default_rng(3)
+    references = [measured(another_day(model, rng), seed) for seed in range(3)]
+    alike = [measured(model, seed) for seed in range(3)]
+    slightly = measured(with_losses(load_urdf(URDF), 1.15), 7)
+    # The change is within what references of different days differ by.
+    assert ModelWatch(model, references).report(slightly).alarms == ()
+    assert ModelWatch(model, alike).report(slightly).alarms != ()
+
+
+def test_a_hold_with_a_payload_cannot_be_judged():
+    model = with_losses(load_urdf(URDF))
+    moving = measured(model, 1)
+    q = np.tile(moving.q[100], (len(moving), 1))
+    zero = np.zeros_like(q)
+    tool = Inertial(2.8, (0.0, 0.0, 0.1), 0.01 * np.eye(3))
+    loaded = with_payload(model, 'tool0', tool)
+    tau = Robot(loaded).gravity_force(q)
+    report = ModelWatch(model, moving).report(Recording(moving.t, q, zero, zero, tau))
+    assert report.alarms == () and not report.judged.any()
