@@ -41,6 +41,7 @@ import numpy as np
 
 AXES = 'xyz'
 DRIVE_NUMBERS = ('stiffness', 'damping', 'rotor_inertia', 'skew', 'torque_delay')
+KNOWN = 0.05  # m, of a center of mass that is printed
 NEAR = 0.1  # rad or m, of locked joints: computed at 0 in place of their positions
 FURTHER = ('fast_damping', 'load_friction', 'presliding')  # terms of friction laws
 
@@ -553,10 +554,12 @@ def payload_data(payload: Payload, frame: str) -> dict[str, Any]:
     """Return an identified payload as plain data."""
     inertial = payload.inertial
     return {
-        'frame': frame, 'mass': inertial.mass, 'com': inertial.com,
+        'frame': frame, 'is_present': payload.is_present, 'mass': inertial.mass,
+        'com': inertial.com,
         'inertia': inertial.inertia,
         'standard_deviations': {'mass': payload.mass_deviation,
-                                'com': payload.com_deviation,
+                                'com': [float(x) if np.isfinite(x) else None
+                                        for x in payload.com_deviation],
                                 'inertia': payload.inertia_deviation},
         'rms_residual': payload.residual, 'rms_held_out': payload.held_out,
         'condition': payload.condition,
@@ -569,12 +572,16 @@ def print_payload(data: dict[str, Any]) -> None:
     """Print the payload, its deviations, and the parameters of the node."""
     print(f"{data['rows']} rows; payload in axes of '{data['frame']}', condition number "
           f'{data["condition"]:.3g}')
+    if not data['is_present']:
+        print(f'no payload: {data["mass"]:.3g} kg is within its deviation')
     # Mass, center of mass and inertia, each with its standard deviation.
     deviations = data['standard_deviations']
     table = [('mass [kg]', data['mass'], f'{deviations["mass"]:.1g}')]
     for k, axis in enumerate(AXES):
-        table.append((f'center of mass {axis} [m]', data['com'][k],
-                      f'{deviations["com"][k]:.1g}'))
+        deviation = deviations['com'][k]
+        is_known = deviation is not None and deviation < KNOWN
+        table.append((f'center of mass {axis} [m]', data['com'][k] if is_known else '-',
+                      f'{deviation:.1g}' if is_known else '-'))
     for r, s in zip(*np.triu_indices(3), strict=True):
         table.append((f'inertia {AXES[r]}{AXES[s]} [kg m^2]', data['inertia'][r, s],
                       f'{deviations["inertia"][r, s]:.1g}'))

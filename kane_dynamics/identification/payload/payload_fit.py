@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
@@ -42,7 +43,7 @@ class Payload:
     mass_deviation : float
         Standard deviation of the mass, kg. All deviations count the correlation of
         residuals, and what the model's friction and the torque's zero may be wrong by:
-        `payload_equations`; and a torque scale that is known to 5 %.
+        `payload_equations`; and the scale of the torques.
     com_deviation : (3,) array
         Standard deviation of the center of mass, m; infinite without a clear mass.
     inertia_deviation : (3, 3) array
@@ -73,7 +74,8 @@ class Payload:
 
 
 @on_one_processor
-def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> Payload:
+def identify_payload(model: Model | Robot, recording: Recording, frame: str, *,
+                     torque_scale: float = SCALE) -> Payload:
     """
     Estimate the payload from the difference between measured and computed torques.
 
@@ -89,6 +91,9 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
         counts as proportional to their effort limits.
     frame : str
         In whose axes the payload is described.
+    torque_scale : float
+        Standard deviation of the scale of all torques, which no residual shows; a part of
+        that of the mass.
 
     Raises
     ------
@@ -140,7 +145,9 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     # A wrong scale of all torques is a wrong mass, which no residual shows.
-    mass = float(np.hypot(mass, SCALE * x[0]))
+    scale = number(torque_scale, 'torque_scale', 'a number >= 0 and below 1',
+                   lambda share: 0.0 <= share < 1.0)
+    mass = float(np.hypot(mass, scale * x[0]))
     if x[0] <= PRESENT * mass:
         com = np.full(3, np.inf)
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,

@@ -150,7 +150,8 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False,
     if len(noisy):
         faults.append(RecordingFault(
             'remark', f'accelerations of {_named(model, noisy)} are noise to '
-            f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: --cutoff HZ'))
+            f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: --cutoff '
+            f'{recording.proposed_cutoff():.2g}'))
     return faults
 
 

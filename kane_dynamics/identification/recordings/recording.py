@@ -18,6 +18,8 @@ STANDSTILL = 0.02  # rad/s or m/s: a joint that is no faster is at rest
 EVEN = 0.02  # relative deviation of time steps that are regarded as equal
 LOWEST_CUTOFF = 1e-4  # of the sampling rate: filters below it are singular to rounding
 MOST_RESAMPLING = 10  # rows for each recorded one
+MOTION = 0.99  # share of the power of speeds that is motion
+CUTOFF = 5.0  # times the highest frequency of the motion
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
@@ -173,6 +175,20 @@ class Recording:
             u = np.gradient(q, mean, axis=0)
         return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau,
                        derived=tuple({*self.derived, 'udot'}))
+
+    def proposed_cutoff(self) -> float:
+        """
+        Return a cutoff for `filtered`, Hz: five times the highest frequency of the motion.
+
+        That is the frequency below which 99 % of the power of each joint's speed lies.
+        """
+        even = self.resampled() if self.uneven else self
+        step = float(np.diff(even.t).mean())
+        power = np.abs(np.fft.rfft(even.u - even.u.mean(axis=0), axis=0))**2
+        frequency = np.fft.rfftfreq(len(even), step)
+        share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
+        highest = max(float(frequency[np.argmax(of_joint >= MOTION)]) for of_joint in share.T)
+        return min(CUTOFF * highest, 0.4 / step)
 
     def acceleration_noise(self) -> Array:
         """

@@ -65,7 +65,7 @@ def estimated_by_sample(recording):
 
 def identified_from_all_rows(recording):
     """Return mass, center of mass and their deviations, identified from all rows."""
-    payload = identify_payload(arm(), recording, 'tool0')
+    payload = identify_payload(arm(), recording, 'tool0', torque_scale=0.0)
     return (payload.inertial.mass, payload.inertial.com, payload.mass_deviation,
             payload.com_deviation)
 
@@ -122,3 +122,16 @@ def test_arm_at_rest_with_exact_sensors_weighs_the_load_to_50_grams():
     for _ in range(50):
         estimator.update(q, zero, zero, carrying().gravity_force(q))
     assert abs(estimator.mass - LOAD.mass) < min(0.05, 3.0 * estimator.mass_deviation)
+
+
+def test_the_deviation_of_a_mass_covers_a_wrong_torque_constant():
+    t, q, u, udot = exciting(6, 5, duration=10.0)
+    alone = Robot(arm()).inverse_dynamics(q, u, udot)
+    loaded = carrying().inverse_dynamics(q, u, udot)
+    tau = alone + 1.08 * (loaded - alone)
+    payload = identify_payload(arm(), Recording(t, q, u, udot, tau), 'tool0')
+    assert abs(payload.inertial.mass - LOAD.mass) < 2.0 * payload.mass_deviation
+    noise = np.random.default_rng(1).normal(size=q.shape)
+    empty = identify_payload(arm(), Recording(t, q, u, udot, alone + noise), 'tool0')
+    assert payload.is_present and not empty.is_present
+    assert np.isinf(empty.com_deviation).all()

@@ -197,3 +197,16 @@ def test_tables_without_commas_are_named(tmp_path, separator, words):
     with pytest.raises(InputError,
                        match=rf'columns separated by {words}; expected commas'):
         read_recording(path, NAMES)
+
+
+def test_the_proposed_cutoff_is_above_the_motion_and_below_the_noise():
+    t = np.arange(0.0, 20.0, 0.002)
+    rng = np.random.default_rng(0)
+    q = np.column_stack([np.sin(np.pi * t), 0.3 * np.sin(4.0 * np.pi * t)])
+    u = np.gradient(q, t, axis=0) + 0.05 * rng.normal(size=q.shape)
+    noisy = Recording(t, q, u, np.gradient(u, t, axis=0), 0.0 * q)
+    assert 4.0 < noisy.proposed_cutoff() < 20.0
+    filtered = noisy.filtered(noisy.proposed_cutoff())
+    exact = np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    error = np.sqrt(np.mean((filtered.udot - exact)[200:-200]**2, axis=0))
+    assert (error < 0.1 * np.sqrt(np.mean(exact**2, axis=0))).all()
