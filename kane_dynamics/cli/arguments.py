@@ -200,7 +200,9 @@ def _identify(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', metavar='FILE',
                      help='write the identified model: a URDF; with --payload or --drives '
                           'a supplement')
-    add_plot(sub, 'measured torques, and those of the identified model')
+    sub.add_argument('--report', metavar='FILE',
+                     help='write what is printed, with the picture of --plot, as Markdown')
+    add_plot(sub, 'measured torques, those of the identified model and of the given one')
 
 
 def _length_or_none(text: str) -> float | None:

@@ -51,7 +51,8 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
 
 def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
                 path: Path | None = None, *, prismatic: Collection[str] = (),
-                limits: Array | None = None,
+                limits: Array | None = None, before: Array | None = None,
+                border: float | None = None,
                 title: str = 'Measured and computed torque') -> Figure:
     """
     Plot the measured and the computed torque of each joint, and their difference.
@@ -66,6 +67,10 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         In the order of the columns.
     limits : (n,) array, optional
         Limits of the torques, N m or N; infinite for none.
+    before : (K, n) array, optional
+        Torques of another model, such as the one before a fit.
+    border : float, optional
+        Time at which the rows that judge a fit begin, s.
     path, prismatic, title
         See `kane_dynamics.plot`.
 
@@ -82,6 +87,12 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
                               label='measured')
             torque_panel.plot(t, computed[:, j], color=INK, linewidth=1.0,
                               label='computed')
+            if before is not None:
+                torque_panel.plot(t, before[:, j], color=SKY, linewidth=THIN,
+                                  label='before', zorder=0)
+            if border is not None:
+                for axes in row:
+                    axes.axvline(border, color=INK, linewidth=THIN, linestyle=':')
             hide_rounding(torque_panel, NOISE * largest, 0.01 * largest or 1.0)
             if limits is not None:
                 both = np.concatenate([measured[:, j], computed[:, j]])

@@ -1,8 +1,11 @@
 """The command `identify`: tables, JSON, pictures, and files for load_urdf."""
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+import contextlib
 from dataclasses import dataclass, replace
+import io
+import os
 from pathlib import Path
 import sys
 from typing import Any
@@ -22,7 +25,7 @@ from kane_dynamics.identification.drives.identify_drives import (DriveIdentifica
                                                                  identify_drives)
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
-from kane_dynamics.identification.friction_laws import COULOMB
+from kane_dynamics.identification.friction_laws import COULOMB, phases
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
 from kane_dynamics.identification.payload.recorded_motion import (recorded_joints,
                                                                   recorded_motion)
@@ -54,6 +57,8 @@ class Outcome:
     t: Array
     measured: Array
     computed: Array
+    before: Array | None = None
+    border: float | None = None
 
 
 def identification(options: Namespace) -> None:
@@ -80,13 +85,30 @@ def identification(options: Namespace) -> None:
         names = data['joint_names']
         plot.plot_replay(outcome.t, outcome.measured, outcome.computed, names,
                          options.plot, prismatic=model.sliding,
-                         limits=_effort_limits(robot, names),
+                         limits=_effort_limits(robot, names), before=outcome.before,
+                         border=outcome.border,
                          title=f'{model.name}: measured torque, and torque {title}')
         data['files'] = [*data['files'], options.plot]
+    if options.report:
+        _write_report(options, model.name, printed, data)
+        data['files'] = [*data['files'], options.report]
     if options.json:
         print_json(data)
     else:
         printed(data)
+
+
+def _write_report(options: Namespace, name: str, printed: Callable[[dict[str, Any]], None],
+                  data: dict[str, Any]) -> None:
+    """Write what is printed, and the picture, as Markdown."""
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text):
+        printed(data)
+    with whole_file(options.report) as stream:
+        stream.write(f'# {name}: {options.recording}\n\n```text\n{text.getvalue()}```\n')
+        if options.plot:
+            picture = os.path.relpath(options.plot, Path(options.report).parent)
+            stream.write(f'\n![measured and computed torques]({picture})\n')
 
 
 def _require_tree_torques(options: Namespace) -> None:
@@ -211,7 +233,11 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
             warn('coupled motors are no part of the written URDF, which has no words for them; '
                  'Identification.torque has them')
     data = {**model_data(result, recording), 'files': list(files)}
-    return Outcome(data, recording.t, recording.tau, result.torque(recording))
+    before = Robot(model).inverse_dynamics(recording.q, recording.u, recording.udot)
+    border = None
+    if options.test is None:
+        border = float(recording.t[np.argmax(phases(recording) >= 0.5)])
+    return Outcome(data, recording.t, recording.tau, result.torque(recording), before, border)
 
 
 def _test(options: Namespace, model: Model) -> Recording | None:
@@ -249,6 +275,7 @@ def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
         'rms_before': result.before, 'rms_fitted': result.fitted,
         'rms_held_out': result.held_out, 'rms_fitted_moving': result.fitted_moving,
         'rms_held_out_moving': result.held_out_moving, 'friction': friction,
+        'rms_torque_deviation': rms(result.torque_deviation(recording)),
         'law': result.law, 'candidates': candidates, 'tested': result.tested,
         'coupled': _coupled_data(result),
         'suspected': [list(pair) for pair in result.suspected],
@@ -287,6 +314,8 @@ def print_model(data: dict[str, Any]) -> None:
                  'fitted, moving'],
                 zip(data['joint_names'], *(data[name] for name in errors), strict=True))
     print()
+    deviations = ', '.join(f'{x:.2g}' for x in data['rms_torque_deviation'])
+    print(f'standard deviation of the torques by uncertain values: {deviations} N m or N\n')
     _print_laws(data)
     _print_friction(data)
     # Parameters that the motion determines alone, not only in combinations.

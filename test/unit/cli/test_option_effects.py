@@ -89,7 +89,7 @@ OWN = [
     (IDENTIFY, '--test r.csv'), (IDENTIFY, '--coupled joint1 joint2'),
     (IDENTIFY, '--without-effort joint2'), (IDENTIFY, '--base-parameters'),
     (IDENTIFY, '--payload tip'), (IDENTIFY, '--drives'),
-    (IDENTIFY, '--out better.urdf'),
+    (IDENTIFY, '--out better.urdf'), (IDENTIFY, '--report r.md'),
     ('replay arm.urdf r.csv', '--reference r.csv'),
     ('replay arm.urdf r.csv --reference r.csv', '--false-alarms 0.05'),
     ('calibrate arm.urdf r.csv', '--collision'), (CALIBRATE, '--gain 20'),

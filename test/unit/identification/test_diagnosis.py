@@ -474,7 +474,7 @@ def test_a_payload_that_the_model_does_not_have_is_the_first_explanation(mass):
 
 @pytest.mark.parametrize('joint', [1, 2])
 def test_efforts_of_a_joint_at_rest_judge_no_sign_and_no_scale(joint):
-    # Stiction holds the weight in part, or pushes the other way.
+    # Stiction holds the weight in part, or acts the other way.
     for stiction in (-3.5, 3.5):
         r = resting(good_recording(), joint, 1.0, stiction)
         tau = r.tau.copy()
