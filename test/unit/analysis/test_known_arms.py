@@ -16,7 +16,8 @@ def first(name, joints=()):
 
 def test_every_row_has_sources_and_is_recognised_by_one_name_of_its_own():
     names = ('ur10e', 'fr3', 'panda', 'lbr_iiwa_14_r820', 'lwr', 'j2n6s300', 'gen3',
-             'xarm7', 'openarm', 'yam', 'open_manipulator_x')
+             'xarm7', 'openarm', 'yam', 'open_manipulator_x', 'so101', 'piper', 'rebot_b601',
+             'axol', 'wxai')
     recognised = set()
     for name in names:
         for row in arms_named(name):
@@ -30,7 +31,9 @@ def test_every_row_has_sources_and_is_recognised_by_one_name_of_its_own():
     (('fr3', 'fr3v2', 'panda', 'fer', 'panda_arm'), 'Franka Robotics'),
     (('iiwa', 'iiwa7', 'lbr', 'med14', 'lbr_iiwa_7_r800'), 'KUKA'),
     (('gen3', 'gen3_lite', 'j2s7s300'), 'Kinova'),
-    (('xarm6', 'UF850', 'lite6'), 'UFACTORY')])
+    (('xarm6', 'UF850', 'lite6'), 'UFACTORY'),
+    (('so100', 'so101_new_calib', 'SO_ARM101'), 'TheRobotStudio, Hugging Face'),
+    (('piper', 'piper_description'), 'AgileX')])
 def test_an_arm_is_recognised_by_the_name_of_its_robot(names, vendor):
     assert [first(name).vendor for name in names] == [vendor] * len(names)
 
@@ -39,7 +42,7 @@ def test_an_arm_is_recognised_by_its_joints_and_others_are_not():
     joints = [f'left_{name}_joint' for name in ('shoulder_pan', 'elbow', 'wrist_1')]
     assert first('robot', joints).vendor == 'Universal Robots'
     assert first('robot', [*joints, 'rail']) is None
-    for name in ('so101_new_calib', 'arm', 'two_link', 'medium_arm', 'literature',
+    for name in ('arm', 'two_link', 'medium_arm', 'literature',
                  'feral', 'turtle', 'yams', ''):
         assert arms_named(name) == ()
 
