@@ -16,8 +16,8 @@ def first(name, joints=()):
 
 def test_every_row_has_sources_and_is_recognised_by_one_name_of_its_own():
     names = ('ur10e', 'fr3', 'panda', 'lbr_iiwa_14_r820', 'lwr', 'j2n6s300', 'gen3',
-             'xarm7', 'openarm', 'yam', 'open_manipulator_x', 'so101', 'piper', 'rebot_b601',
-             'axol', 'wxai')
+             'xarm7', 'openarm', 'yam', 'open_manipulator_x', 'so101', 'piper',
+             'rebot_b601', 'axol', 'wxai')
     recognised = set()
     for name in names:
         for row in arms_named(name):
