@@ -143,6 +143,11 @@ class DynamicsNode(LifecycleNode):
                 and self.state == 'unconfigured')
 
     @property
+    def _is_simulated(self) -> bool:
+        """Return whether the arm is simulated, which needs no guard, by the parameters."""
+        return self._simulated_time or bool(self.values['activation'] == 'at_once')
+
+    @property
     def _has_urdf(self) -> bool:
         return bool(self.values['robot_description'] or self.values['urdf']
                     or self._description)
@@ -225,9 +230,7 @@ class DynamicsNode(LifecycleNode):
         self.get_logger().info(f'active, mode {self.values["mode"]}')
         if self.values['mode'] == Mode.INVERSE_DYNAMICS:
             self.get_logger().info(FEEDFORWARD)
-        # A simulated robot needs no guard.
-        is_simulated = self._simulated_time or self.values['activation'] == 'at_once'
-        if self.arm.guard is None and not is_simulated:
+        if self.arm.guard is None and not self._is_simulated:
             self.get_logger().warning(
                 'active without torque_guard: if this process died, the last torque '
                 'would stay; expected guard.enabled: true and a torque_guard, as the '
@@ -334,7 +337,10 @@ class DynamicsNode(LifecycleNode):
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
         for contradiction in contradictions:
-            log.warning(contradiction)
+            if self._is_simulated:
+                log.info(contradiction)
+            else:
+                log.warning(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
         # Last, since commands come first.
