@@ -14,27 +14,32 @@ import hashlib
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.contacts import contact_rows, ContactPair
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import AT_BOUND, driving_torque, holding_friction
-from kane_dynamics.mechanics.integrators.held_joints import (linear_system, LinearSystem,
-                                                             Solution, Solver)
+from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system,
+                                                             LinearSystem, Solution,
+                                                             Solver)
+from kane_dynamics.mechanics.integrators.interface import StageRates
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.rows import (ContactModes, forces_of_held,
                                                       HeldJointRows, row_solution,
                                                       StageRows)
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.held_motion import HeldMotion, HeldStage
-from kane_dynamics.simulation.step_kernels import (deflection_input, state_layout,
-                                                   step_signature, StepChoice,
-                                                   tau_from,
-                                                   time_input, traced_step)
+from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
+                                                   optional_inputs, RobotMotion,
+                                                   state_layout, step_signature,
+                                                   StepChoice, tau_from, time_input,
+                                                   traced_step, wrench_input)
 import numpy as np
 
 FINITE = 1e300  # in place of infinite bounds, for which 0 times infinity would be NaN
@@ -209,9 +214,11 @@ class Guards(NamedTuple):
     ends: Array
 
 
-class RowMotion(HeldMotion):
+class RowMotion(RobotMotion):
     """
     A robot during one traced step in given modes of its rows.
+
+    The modes are an input, so that one program serves every combination.
 
     Parameters
     ----------
@@ -223,12 +230,12 @@ class RowMotion(HeldMotion):
 
     """
 
-    dynamics_name = 'row_dynamics'
+    tree_terms = None  # rows have stages of their own
 
     def __init__(self, rows: RowSet, numbers: Vector, *arguments: Any) -> None:
         """Begin without stages."""
-        super().__init__(rows.joints, numbers, *arguments)
-        self._rows = rows
+        super().__init__(*arguments)
+        self._rows, self._modes = rows, numbers
         self._velocities: Vector = np.zeros(0)  # of contacts, in the traced stage
         self.first: Any = None  # of the first stage: forces, bounds, velocities of contacts
 
@@ -247,26 +254,94 @@ class RowMotion(HeldMotion):
         if not self._rows.sticking:
             return None
         directions = ModeInputs.of(self._rows, modes).directions
-        return of_all_joints(self.equations, self._joints, directions)
+        return of_all_joints(self.equations, self._rows.joints, directions)
 
-    def results(self, stage: HeldStage) -> list[Scalar]:
+    def results(self, q: Vector, u: Vector, tau: Vector, modes: Vector, t: Scalar,
+                solution: Solution) -> list[Scalar]:
         """Return forces of rows, bounds of friction, and velocities of contacts."""
         rows = self._rows
-        bounds = bounds_of_joints(rows, stage.q, stage.tau, stage.t)
-        directions = ModeInputs.of(rows, stage.modes).directions
-        driving = driving_torques(rows, stage.q, stage.u, stage.tau, directions, stage.t)
-        return [*stage.solution.f, *np.concatenate(bounds), *driving, *self._velocities]
+        bounds = bounds_of_joints(rows, q, tau, t)
+        directions = ModeInputs.of(rows, modes).directions
+        driving = driving_torques(rows, q, u, tau, directions, t)
+        return [*solution.f, *np.concatenate(bounds), *driving, *self._velocities]
 
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
         """Return the rates of a stage; what the guards need of the first one is stored."""
-        results = super().called(program, q, u, tau, time, *inputs)
+        results = super().called(program, q, u, tau, time, self._modes, *inputs)
         k, c = len(self._rows.joints), len(self._rows.pairs)
         end = len(results) - (4 * k + 6 * c)
         if self.first is None:
             parts = np.cumsum([k + 3 * c, k, k, k])
             self.first = np.split(np.array(results[end:]), parts)
         return results[:end]
+
+    @lazy_property
+    def _motion(self) -> Program:
+        return self._program(None)
+
+    @lazy_property
+    def _stage(self) -> Program:
+        return self._program(ImplicitStep(self.equations))
+
+    def _program(self, method: ImplicitStep | None) -> Program:
+        """Trace the dynamics of a stage, explicit without `method`: rates, then `results`."""
+        robot = self.robot
+        equations: Any = robot.equations
+
+        # An implicit stage also has the results of the first stage, and its factor g.
+        first_stage: list[tuple[str, Shape]] = []
+        if method is not None:
+            first_stage = first_stage_inputs(robot)
+
+        def dynamics(q: Vector, u: Vector, tau: Vector, modes: Vector,
+                     *inputs: Any) -> list[Scalar]:
+            options = inputs[len(first_stage):]
+            wrench, t, parameters, deflections = optional_inputs(robot, options)
+            physical = parameters[:robot.parameters.physical]
+            if self._dual_to is not None:
+                tau = tau_from(equations, self._dual_to, q, tau, t)
+
+            # Which rows are held, and the directions of joints that slide.
+            held = self.held(modes, q)
+            directions = self.directions(modes)
+            # Explicit methods: udot and the forces that hold joints, from M udot = net.
+            if method is None:
+                system = linear_system(equations, q, u, tau, wrench, physical, t,
+                                       directions, deflections)
+                solution = held_solution(system, system.M, system.net, held)
+                rates: Any = []  # q' = u
+                if not equations.in_joint_rates:
+                    rates = coordinate_rates(robot.model, q, system.v)
+                bent: Any = []  # rates of the deflections of bristles
+                if deflections is not None:
+                    bent = equations.deflection_rates(q, system.v, deflections, tau, t)
+            else:
+                # The linearly implicit method solves its own system, held in the same
+                # way.
+                *first, g = inputs[:len(first_stage)]
+                of_stage, solution = method.held_stage(
+                    held, q, u, tau, StageRates(*first), g[()], wrench, physical, t,
+                    directions=directions, deflections=deflections)
+                rates, _, bent = of_stage
+
+            results = [*rates, *solution.w, *bent,
+                       *self.results(q, u, tau, modes, t, solution)]
+            if self.watched:
+                results.append(equations.margin(q, t, parameters[-LIMITS:]))
+            return results
+
+        # Subroutines of one kernel differ in their names.
+        name = 'row_dynamics'
+        if method is not None:
+            name = f'implicit_{name}'
+        if self.watched:
+            name = f'watched_{name}'
+        return trace_program(name, dynamics, [
+            ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
+            ('modes', np.shape(self._modes)), *first_stage, *wrench_input(robot),
+            *time_input(robot), *deflection_input(robot),
+            ('parameters', robot.parameters.block.shape)])
 
 
 def traced_rows(rows: RowSet, q: Vector, v: Vector,

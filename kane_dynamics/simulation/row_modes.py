@@ -15,10 +15,12 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
                                               is_self_locking, stribeck_excess)
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, AT_STOP, HELD, ModeChoice, Response,
-                                                 response_kernel, responses, RowMode,
-                                                 RowSet, SIGNS)
+                                                 response_kernel, responses, row_kernel,
+                                                 RowMode, RowSet, SIGNS)
+from kane_dynamics.simulation.step_kernels import StepChoice
 from kane_dynamics.simulation.trajectory import ContactMode
 import numpy as np
 
@@ -167,8 +169,15 @@ class RowModes:
         self._step = step
         self._last: tuple[Any, Response] | None = None
         self._kernel = response_kernel(rows)
+        self._kernels: dict[StepChoice, Kernel] = {}
         k = len(rows.joints)
         self._contacts = [k + 3 * i for i in range(len(rows.pairs))]
+
+    def step_kernel(self, choice: StepChoice) -> Kernel:
+        """Return `row_kernel` of a choice of the step, found once."""
+        if choice not in self._kernels:
+            self._kernels[choice] = row_kernel(self.rows, choice)
+        return self._kernels[choice]
 
     def response(self, state: Array, tau: Array, directions: Array, t: float) -> Response:
         """Return the response of rows at a state, (size,); the last one if it is the same."""

@@ -253,6 +253,8 @@ def _row_steps(robot: Robot, step: float, start: float, states: Array, stops: bo
         A contact is not valid, or is inside its surface; a joint is past its stop.
 
     """
+    if not (stops or sticking or contacts):
+        return None
     touching = checked_contacts(robot, contacts)
     require_open(robot, touching, states[:, :robot.n_q])
     if stops:

@@ -290,7 +290,7 @@ class _Path:
         robot = source.robot
         dual_to = source.choice.needed(robot).dual_to
         self._rows = steps.rows(robot, dual_to)
-        self._kernel = row_kernel(self._rows.rows, source.choice)
+        self._kernel = self._rows.step_kernel(source.choice)
         self._step = source.step
         self._place_of_step = 2 * robot.n if source.follows else 0
         self._modes: ModeChoice | None = None
