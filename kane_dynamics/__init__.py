@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
                                           pose_exp, pose_from, pose_log, rotation_exp,
                                           rotation_log, rotation_quaternion, rotation_rpy)
     from kane_dynamics.kinematics.cartesian_motion import cartesian_motion, CartesianMotion
-    from kane_dynamics.kinematics.link_distances import LinkDistances
     from kane_dynamics.kinematics.pose_motion import PoseLimits, PoseMotion
     from kane_dynamics.kinematics.pose_path import PosePath
     from kane_dynamics.loop_tracking.loop_error import LoopError
@@ -79,7 +78,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance',
            'JointTorqueFeedback', 'KaneError', 'Limits',
-           'Linearization', 'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
+           'Linearization', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'MotorSideControl', 'MotorTracking',
            'OperationalSpace', 'PartnerState', 'PlaneSurface', 'PointVelocity',

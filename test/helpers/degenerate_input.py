@@ -16,7 +16,7 @@ import warnings
 
 from kane_dynamics import (box, CollisionDetector, Controller, Drive, ElasticFeedforward,
                            FlexibleLink, FrictionError, HandGuiding, JointImpedance,
-                           KaneError, LinkDistances, LinkShape, load_urdf, LoopError,
+                           KaneError, load_urdf, LoopError,
                            LoopTracker, ModelBuilder, ModelWarning, MomentumObserver,
                            Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic, Robot,
                            SmoothMotion, Uncertainty, with_drives)
@@ -81,7 +81,7 @@ LEFT_OUT = frozenset((
     'FrictionError.adapt', 'Motion.positions_at', 'Motion.velocities_at',
     'Motion.velocities_inside', 'CollisionDetector.update', 'MomentumObserver.hold',
     'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model', 'Model.path',
-    'LinkDistances.nearest', 'Model.prefixed', 'Model.renamed',
+    'Model.prefixed', 'Model.renamed',
     'identification.Recording.rows', 'identification.Efforts.compile',
     'PosePath.section_limits'))
 # Whose numbers are checked where a model or a problem is made of them; `identify`
@@ -264,8 +264,6 @@ def stated():
         'Speeds': {'Y': lambda q, t: np.eye(2), 'Z': None, 'names': None},
         'Terms': {}, 'Torsion': {'stiffness': 30.0}, 'Limits': {
             'lower': -1.0, 'upper': 1.0, 'velocity': 2.0, 'effort': 3.0},
-        'LinkDistances': {'shapes': [LinkShape('link1', 'box', (0.1, 0.1, 0.1),
-                                               np.eye(4))]},
         'LinkShape': {'link': 'link1', 'kind': 'box'},
         'LoopTracker': {'robot': loop()}, 'Motion': {
             'times': motion().times, 'positions': motion().positions,
@@ -340,9 +338,6 @@ def objects():
         'FrictionError': FrictionError(robot.joint_names, coulomb=0.1),
         'MomentumObserver': observer, 'HandGuiding': HandGuiding(robot),
         'JointImpedance': JointImpedance(robot, stiffness=10.0, damping=1.0),
-        'LinkDistances': LinkDistances(robot, [
-            LinkShape('link1', 'box', (0.1, 0.1, 0.1), np.eye(4)),
-            LinkShape('link2', 'box', (0.1, 0.1, 0.1), np.eye(4))], ignored=[]),
         'LoopTracker': LoopTracker(loop(), ('crank',)), 'PoseMotion': PoseMotion(
             path(), duration=2.0),
         'PoseFilter': PoseFilter(linear_speed=1.0, angular_speed=1.0,

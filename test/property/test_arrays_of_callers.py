@@ -8,8 +8,8 @@ results, are overwritten before the next call. Each `yield` ends a call.
 from degenerate_input import arm, pose, Q, TAU, U, UDOT
 from kane_dynamics import (ArmCoupling, CartesianImpedance, ComputedTorque, Controller,
                            FrictionError, HandGuiding, HybridForce, JointImpedance,
-                           LinkDistances, LinkShape, MomentumObserver, Motion,
-                           OperationalSpace, PartnerState, pose_from, PoseFilter,
+                           MomentumObserver, Motion,
+                           OperationalSpace, PartnerState, PoseFilter,
                            Robot, simulate)
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.optimal_control import PredictiveController, TrajectoryOptimizer
@@ -181,19 +181,9 @@ def simulation(give):
     yield simulate(arm(), give(Q), give(U), STEP, torque=law).q
 
 
-def distances(give):
-    """Compute distances of links."""
-    shape = LinkShape('link2', 'box', (0.1, 0.1, 0.1), np.eye(4))
-    obstacle = LinkShape('world', 'box', (0.1, 0.1, 0.1), pose_from((1.0, 1.0, 1.0)))
-    law = LinkDistances(arm(), [shape], [obstacle], rest=give(Q))
-    yield
-    yield law.smallest(give(Q))
-    yield law.smallest(give([Q, U]))
-
-
 SCENARIOS = (observer, controller, joint_impedance, impedance_of_frame,
              operational_space, hybrid_force, hand_guiding, coupling, pose_filter,
-             predictive_control, payload, simulation, distances)
+             predictive_control, payload, simulation)
 
 
 @pytest.mark.parametrize('scenario', SCENARIOS, ids=lambda scenario: scenario.__name__)
