@@ -87,6 +87,9 @@ PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 # Parameters by which feedback may become unstable
 FEEDBACK = ('mode', 'gains.', 'joint_impedance.', 'cartesian.', 'walls.',
             'hand_guiding.')
+# Between two joint states, s, with which gains have to be stable while none is known.
+UNKNOWN_PERIOD = 0.01
+MORE_SELDOM = 1.1  # periods of states at which stability is judged again
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
 STAMPED = 4  # place of the publisher of stamped commands in the arguments of a path
 REPORT_PERIOD = 0.005  # s, between two looks at the reports of the native torque path
@@ -125,6 +128,9 @@ class ConfiguredRobot:
         What computes the commands: native, or python with the reason.
     drift : DriftWatch or None
         Of an arm that can be commanded.
+    left_mode : str
+        Why the node ended the feedback of a mode; empty once a mode is set or the path
+        starts.
 
     Raises
     ------
@@ -161,6 +167,9 @@ class ConfiguredRobot:
         self.all_state_publishers = 1  # with those of other joints only
         # Joints of states that have a part each
         self.parts_of_states: list[tuple[str, ...]] = []
+        self.left_mode = ''
+        # Period of the states, and steady time, when stability was judged last, s
+        self._judged = 0.0, 0.0
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
@@ -588,10 +597,36 @@ class ConfiguredRobot:
         q, period = self.path.idle_states()
         controller = self.path.controller
         computed = controller.mode is Mode.COMPUTED_TORQUE
+        if computed and (q is None or not period):
+            words = instability(controller, self.modes.laws, controller.mode, np.zeros(0),
+                                UNKNOWN_PERIOD)
+            return words and f'no joint states yet, so judged at an assumed rate: {words}'
         # The configuration of closed loops is known from the first cycle on.
         if q is None or not period or not (computed or self.path.loops is None):
             return ''
         return instability(controller, self.modes.laws, controller.mode, q, period)
+
+    def leave_unstable_mode(self) -> str:
+        """
+        Return why feedback that acts has to end now; empty if it need not.
+
+        It is judged each second, and at once where states come more seldom.
+        """
+        path = self.path
+        period = path.period
+        q = path.measured()
+        if self.fault or q is None or not period:
+            return ''
+        last_period, last_time = self._judged
+        now = time.monotonic()
+        if period < MORE_SELDOM * last_period and now - last_time < 1.0:
+            return ''
+        self._judged = period, now
+        mode = path.controller.mode
+        words = instability(path.controller, self.modes.laws, mode, q, period)
+        if words:
+            self.left_mode = f'mode {mode} ended, gravity_compensation since then: {words}'
+        return words and self.left_mode
 
     def _refuse_unstable(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Raise InputError for feedback that is unstable at the rate of the states."""
@@ -628,6 +663,8 @@ class ConfiguredRobot:
         """Use checked parameters, part by part."""
         previous = self.values
         self.values = values
+        if 'mode' in changed and values['mode'] != str(Mode.GRAVITY_COMPENSATION):
+            self.left_mode = ''
         # The order: motion, closed loops, laws, then limits and loads.
         if self.guard is not None:
             self.guard.new_parameters()

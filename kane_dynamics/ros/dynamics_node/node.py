@@ -41,6 +41,7 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
@@ -51,6 +52,7 @@ LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configure
 # Scripts search the log for the word of the state, which this line must not have.
 CONFIGURED = ('configured; commands begin with the transition `activate`, as by '
               '`ros2 lifecycle set {name} activate`; check the arm before')
+STABILITY_PERIOD = 0.1  # s between two looks at the rate of the states
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -104,6 +106,7 @@ class DynamicsNode(LifecycleNode):
         except InputError as error:
             self.get_logger().info(str(error))
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(STABILITY_PERIOD, self._leave_unstable_mode, clock=self._steady)
         self._reported_at = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
@@ -169,6 +172,12 @@ class DynamicsNode(LifecycleNode):
                 f'{topic_state}), because the parameters urdf and robot_description are '
                 'empty')
 
+    def _leave_unstable_mode(self) -> None:
+        """End feedback that turns out to be unstable: states come late, or more seldom."""
+        if self.arm is not None and (reason := self.arm.leave_unstable_mode()):
+            self.get_logger().error(reason)
+            self.set_parameters([Parameter('mode', value=str(Mode.GRAVITY_COMPENSATION))])
+
     def _urdf(self) -> str | Path:
         """Return the URDF as text or path; empty if it is unknown."""
         if self.values['robot_description'] or not self.values['urdf']:
@@ -220,6 +229,7 @@ class DynamicsNode(LifecycleNode):
             return FAILURE
         result = super().on_activate(state)
         # The torque path first: states may arrive from here on.
+        self.arm.left_mode = ''
         try:
             self.arm.path.start()
         except Exception as error:  # rclpy would go to `on_error` without a word

@@ -118,6 +118,8 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
     if path.fault:
         return ERROR, (f'joint states impossible for {path.state_age:.2f} s: '
                        f'{path.fault}; {path.reaction}')
+    if arm.left_mode:
+        return ERROR, f'{arm.left_mode}; change it, then set the mode again'
     if path.false_speeds:
         return ERROR, f'joint states: {", ".join(path.false_speeds)}: {FALSE_SPEEDS}'
     if path.failure:

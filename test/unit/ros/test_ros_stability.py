@@ -24,8 +24,10 @@ from sensor_msgs.msg import JointState  # noqa: E402
 PROGRAM = """
 import sys
 import time
+from collections import Counter
 import rclpy
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+from kane_dynamics.ros.dynamics_node.node_diagnostics import active_status, ERROR
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
@@ -41,22 +43,25 @@ states = sender.create_publisher(JointState, 'joint_states', qos_profile_sensor_
 executor = SingleThreadedExecutor()
 executor.add_node(node)
 
-def send(count):
+def send(count, period=0.004):
     for _ in range(count):
         message = JointState(name=list(node.arm.robot.joint_names),
                              position=[0.3, -0.2], velocity=[0.0, 0.0])
         now = time.time_ns()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
         states.publish(message)
-        executor.spin_once(0.0)
-        time.sleep(0.004)
+        until = time.monotonic() + period
+        while time.monotonic() < until:
+            executor.spin_once(0.001)
     node.arm.path.check_timeout()
 
 while not states.get_subscription_count():
     time.sleep(0.01)
+node.trigger_activate()  # before the first state
+said = [node.state]
 send(60)
 node.trigger_activate()
-said = [node.state]
+said += [node.state]
 result, = node.set_parameters([Parameter('gains.kd', value=20.0)])
 node.trigger_activate()
 send(60)
@@ -65,6 +70,16 @@ for value in (280.0, 30.0):
     result, = node.set_parameters([Parameter('gains.kd', value=value)])
     said += [result.successful, 'swings up' in result.reason]
 said += [node.get_parameter('gains.kd').value]
+# States come less often, with which these gains throw the arm.
+send(40, 0.06)
+said += [node.get_parameter('mode').value, str(node.arm.path.controller.mode)]
+level, words = active_status(node.arm, 16.0, Counter(), 0.0)
+said += [level == ERROR, 'mode computed_torque ended' in words]
+result, = node.set_parameters([Parameter('mode', value='computed_torque')])
+said += [result.successful]
+send(60)
+result, = node.set_parameters([Parameter('mode', value='computed_torque')])
+said += [result.successful, node.arm.left_mode]
 print(said)
 node.halt()
 rclpy.shutdown()
@@ -208,6 +223,9 @@ def test_unstable_gains_are_neither_activated_nor_set_live(torque_path):
     done = subprocess.run(
         [sys.executable, '-c', program.replace('TORQUE_PATH', torque_path)],
         capture_output=True, text=True, timeout=200, cwd=Path(__file__).parents[3])
-    said = "['inactive', 'active', True, False, True, True, False, 30.0]"
+    said = ("['inactive', 'inactive', 'active', True, False, True, True, False, 30.0, "
+            "'gravity_compensation', 'gravity_compensation', True, True, "
+            "False, True, '']")
     assert done.stdout.strip() == said, done.stdout + done.stderr
     assert 'not activated: computed_torque: joint' in done.stderr
+    assert 'not activated: no joint states yet' in done.stderr
