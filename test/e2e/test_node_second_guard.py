@@ -1,13 +1,14 @@
 """A guard refuses an arm that another guard holds, and one of other equations."""
 
 import os
+from pathlib import Path
 import signal
 import time
 
 from lifecycle_msgs.msg import Transition
-from node_process import URDF, wait_until
+from node_process import NAME, URDF, wait_until
 import numpy as np
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 
 GUARD = 'kane_dynamics.ros.guard.main'
 WATCHING = 'watching kane_dynamics'
@@ -57,6 +58,35 @@ def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_re
         third = guards(start)
         third.wait_for('another arm than that of kane_dynamics')
         assert WATCHING not in third.log
+
+
+def test_the_guard_holds_the_arm_of_an_interpreter_whose_torque_path_failed(
+        client, start, monkeypatch):
+    """The process lives on, says why, and commands nothing more."""
+    helpers = Path(__file__).parents[1] / 'helpers'
+    monkeypatch.setenv('PYTHONPATH', str(helpers), prepend=os.pathsep)
+    node = client.process = start(module='blocked_node', guard__enabled=True,
+                                  torque_path='python', state_check__action='hold',
+                                  mode='computed_torque', arm_compensates='none',
+                                  activation='at_once', state_timeout=2.0)
+    guard = guards(start)
+    guard.wait_for(WATCHING)
+    client.connect()
+    failures = client.create_publisher(Empty, f'{NAME}/fail_path', 1)
+    assert wait_until(failures.get_subscription_count)
+    publish_states(client, lambda: False, 1.0)
+    torque = np.array(client.commands[-1])
+    assert np.abs(torque).max() > 1.0
+    failures.publish(Empty())
+    assert publish_states(client, lambda: HOLDING in guard.log), guard.log
+    node.wait_for('callback failed: RuntimeError: on purpose')
+    assert node.alive()
+    count = len(client.commands)
+    publish_states(client, lambda: False, 1.0)
+    held = np.array(client.commands[count:])
+    # One process commands, and what it commands holds the weight.
+    assert len(held) > 20 and np.abs(held - torque).max() < 0.1 * np.abs(torque).max()
+    client.destroy_publisher(failures)
 
 
 def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, start):

@@ -11,23 +11,8 @@ TESTS = Path(__file__).resolve().parents[1]
 # Of tests that a plain `make test` runs; helpers belong to them.
 FOLDERS = 'unit', 'property', 'peer', 'helpers'
 
-# Methods without a test of their own, and why.
-LAWS = 'CartesianImpedance', 'Controller', 'HybridForce', 'TaskSpace'
-INDIRECT = {
-    # What the first call would compile.
-    *(f'{law}.compile' for law in LAWS), 'identification.Efforts.compile',
-    'identification.PayloadEstimator.compile',
-    # Steps of other public calls, whose results are tested.
-    *(f'{constraint}.functions' for constraint in (
-        'DependentSpeeds', 'PointVelocity', 'Prescribed')),
-    'ElasticFeedforward.check_joints', 'ElasticFeedforward.compiled',
-    'ElasticFeedforward.warn_of_degrees', 'FrictionError.forget_motion',
-    'LoopTracker.update_checked', 'PosePath.section_limits',
-    'QuasiStatic.require_drives', 'QuasiStatic.require_rigid_model',
-    'Rolling.surface_rows', 'SmoothMotion.require_no_jumps', 'Terms.changes_friction',
-    'Terms.friction_change',
-    # Tests of the node, and slow ones.
-    'ArmCoupling.is_usable', 'ArmCoupling.restart', 'identification.Excitation.sample'}
+# Its rows are compared, kept or rotated, as constraints of each mechanism that rolls.
+INDIRECT = {'Rolling.surface_rows'}
 
 
 class _Uses(ast.NodeVisitor):
