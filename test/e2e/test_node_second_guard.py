@@ -85,7 +85,8 @@ def test_the_guard_holds_the_arm_of_an_interpreter_whose_torque_path_failed(
     publish_states(client, lambda: False, 1.0)
     held = np.array(client.commands[count:])
     # One process commands, and what it commands holds the weight.
-    assert len(held) > 20 and np.abs(held - torque).max() < 0.1 * np.abs(torque).max()
+    assert len(held) > 20, guard.log
+    assert np.abs(held - torque).max() < 0.1 * np.abs(torque).max(), guard.log + node.log
     client.destroy_publisher(failures)
 
 

@@ -20,7 +20,6 @@ COLUMNS = (*KINDS, ELASTIC)
 
 # Reasons, one sentence each. The first are of physics or definition, the others of
 # today.
-NO_CONSTRAINT = 'There is no constraint that could exert a force.'
 NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial "
           'parameters of a body, in which the regressor is linear.')
 NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic '
@@ -110,7 +109,7 @@ ROWS = (
         pairs=False),
     Row('torque bounds of uncertain parameters', check.torque_bounds, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
-    Row('constraint forces', check.constraint_forces, {ELASTIC: NO_CONSTRAINT}),
+    Row('constraint forces', check.constraint_forces),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
     Row('operations of JAX', check.operations_of_jax, pairs=False),
