@@ -3,6 +3,7 @@
 from functools import cache
 from types import SimpleNamespace
 
+from degenerate_input import beam
 from kane_dynamics import (ArmCoupling, CartesianImpedance, Controller, DependentSpeeds,
                            Drive, ElasticFeedforward, FrictionError, HybridForce,
                            InputError, load_urdf, LoopTracker, Motion, PartnerState,
@@ -12,7 +13,6 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.identification import Efforts, Excitation, PayloadEstimator
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
-from degenerate_input import beam
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions
 import pytest
