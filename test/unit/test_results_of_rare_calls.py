@@ -122,6 +122,9 @@ def test_a_coupled_arm_that_begins_again_is_alone_where_it_is():
     assert coupling.engaged
     coupling.restart()
     assert not coupling.engaged and coupling.lost == 'this arm: began again'
+    coupling.engage(Q, partner)
+    coupling.disengage('by hand')
+    assert not coupling.engaged and coupling.lost == 'by hand'
     elsewhere = Q + 0.3
     np.testing.assert_allclose(coupling.torque(1.01, elsewhere, 0.0 * U),
                                robot.gravity_force(elsewhere), atol=1e-9)
