@@ -134,6 +134,13 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
 LONG_COMMANDS = $(addprefix test/e2e/test_cli_,beams.py constraints.py feasible.py identify.py \
   replay.py sweep.py view.py)
 
+# Slow tests that alone check a promise; all others run by `make test-slow`, each night.
+ONLY_CHECKS = 'test/property/test_feature_matrix.py::test_every_feature_is_right_or_refused_for[elastic joints]' \
+  test/peer/test_two_mass_arm.py test/unit/ros/test_ros_task_modes_of_loops.py \
+  $(addprefix test/unit/simulation/test_,elastic_joints_in_motion.py stability.py) \
+  $(addprefix test/unit/task_space/test_,hand_guiding.py hybrid_force.py joint_impedance.py \
+  operational_space.py orientation_error.py pose_filter.py)
+
 # A machine that stalls fails a test of a node, whose time-outs are real, whatever the code does; a
 # defect fails it twice.
 PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
@@ -144,6 +151,7 @@ ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }
+	$(PYTEST) -n auto --dist worksteal -m slow $(ONLY_CHECKS)
 	$(PYTEST) $(ALONE) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(ALONE); }
 
 # Into environments of their own, from the package index.

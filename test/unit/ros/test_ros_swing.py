@@ -1,6 +1,7 @@
 """Springs that are too stiff for the rate of the joint states are named."""
 
 import re
+from types import SimpleNamespace
 
 from kane_dynamics._util.resources import resource_path
 import numpy as np
@@ -13,6 +14,7 @@ from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E40
 from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
+from kane_dynamics.task_space.sampled_spring import JointSpring  # noqa: E402
 from node_values import node_values  # noqa: E402
 
 Q = np.array([0.4, -0.9])
@@ -143,3 +145,17 @@ def test_stiffness_and_damping_of_walls_are_those_of_the_law(mode):
     np.testing.assert_allclose(of_walls, [walls.stiffness[1], walls.damping[1]],
                                rtol=1e-5, atol=1e-5)
     assert walls.stiffness[1, 1] == pytest.approx(50.0)
+
+
+def test_each_spring_is_judged_beside_all_before_it():
+    """Dampers are stable up to inertia over period: three of 0.4 are too many."""
+    rig = Rig(Mode.JOINT_IMPEDANCE)
+    period = 0.01
+    damping = 0.4 * rig.controller.robot.mass_matrix(Q) / period
+    damper = JointSpring(0.0 * damping, damping, False)
+    for names, stable in ((('first', 'second'), True), (('a', 'b', 'third'), False)):
+        law = SimpleNamespace(springs=lambda q, names=names: dict.fromkeys(names, damper),
+                              longest_period=np.inf)
+        words = instability(rig.controller, {rig.mode: law}, rig.mode, Q, period)
+        assert (words == '') == stable
+    assert 'at most 50% of the third' in words
