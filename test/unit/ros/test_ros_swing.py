@@ -154,7 +154,8 @@ def test_each_spring_is_judged_beside_all_before_it():
     damping = 0.4 * rig.controller.robot.mass_matrix(Q) / period
     damper = JointSpring(0.0 * damping, damping, False)
     for names, stable in ((('first', 'second'), True), (('a', 'b', 'third'), False)):
-        law = SimpleNamespace(springs=lambda q, names=names: dict.fromkeys(names, damper),
+        springs = dict.fromkeys(names, damper)
+        law = SimpleNamespace(springs=lambda q, springs=springs: springs,
                               longest_period=np.inf)
         words = instability(rig.controller, {rig.mode: law}, rig.mode, Q, period)
         assert (words == '') == stable
