@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.python_call.entry import Part
+from kane_dynamics.native.python_call.entry import ResultPart
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
@@ -263,19 +263,19 @@ class KernelSet:
         """Return the kernel of a quantity of frames; InputError for an unknown one."""
         return self.kernel(name, frame)
 
-    def parts(self, name: str) -> tuple[Part, ...] | None:
+    def parts(self, name: str) -> tuple[ResultPart, ...] | None:
         """Return the arrays into which a method divides the result of its kernel."""
         if name not in ANALYTIC:
             return None
         n = self.equations.n
         shape = self.kernel(name).shape
         if len(shape) == 3:
-            return tuple(Part((n, n), k * n * n, 1, n * n, 0) for k in range(3))
+            return tuple(ResultPart((n, n), k * n * n, 1, n * n, 0) for k in range(3))
         # Columns of one matrix.
         start = 0
         parts = []
         for columns in (self.equations.n_q, n, n):
-            parts.append(Part((n, columns), start, n, columns, shape[1]))
+            parts.append(ResultPart((n, columns), start, n, columns, shape[1]))
             start += columns
         return tuple(parts)
 

@@ -115,7 +115,7 @@ class CallForm:
 
 
 @dataclass(frozen=True)
-class Part:
+class ResultPart:
     """An array of a result: `rows` runs of `width` numbers, `stride` numbers apart."""
 
     shape: Shape
@@ -140,7 +140,7 @@ class Signature:
         Largest absolute value allowed in each argument.
     size : int
         Number of entries of the kernel's result.
-    parts : tuple of Part
+    parts : tuple of ResultPart
         The arrays that a call returns; without any, it returns a float.
     memory : int, optional
         Number of the argument to which the rest of the kernel's result is written; the
@@ -155,7 +155,7 @@ class Signature:
     default_sizes: tuple[int, ...]
     limits: tuple[float, ...]
     size: int
-    parts: tuple[Part, ...]
+    parts: tuple[ResultPart, ...]
     memory: int | None = None
     unread: int = 0
 
@@ -176,10 +176,10 @@ class Signature:
         return replace(self, parts=(whole((self.size - size,)),), memory=memory)
 
 
-def whole(shape: Shape) -> Part:
+def whole(shape: Shape) -> ResultPart:
     """Return the part that begins a result, of one shape."""
     size = math.prod(shape)
-    return Part(shape, 0, 1, size, size)
+    return ResultPart(shape, 0, 1, size, size)
 
 
 class EntryTable(np.ndarray):

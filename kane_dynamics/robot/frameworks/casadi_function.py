@@ -83,7 +83,7 @@ class Source:
         self._shapes = {}
         for name, shape in differentiable.items():
             if name in names or name not in PARAMETERS:
-                self._shapes[name] = as_matrix(shape)
+                self._shapes[name] = matrix_shape(shape)
         # Each entry of the block is an entry of an argument, or the present number.
         block: list[Any] = list(robot.parameters.block)
         for name in names:
@@ -94,7 +94,7 @@ class Source:
     def function(self) -> MatrixFunction:
         """Return the quantity itself."""
         program = self._kernels.program(self._quantity, self._at)
-        shape = as_matrix(program.shape)
+        shape = matrix_shape(program.shape)
 
         def by_columns(values: Any) -> Any:
             return values.reshape(shape).ravel(order='F')
@@ -228,7 +228,7 @@ def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any
     return [value_of(x) for x in program.outputs]
 
 
-def as_matrix(shape: Shape) -> tuple[int, int]:
+def matrix_shape(shape: Shape) -> tuple[int, int]:
     """Return the shape of an array as a matrix: more axes are stacked in rows."""
     if len(shape) < 2:
         return math.prod(shape), 1
