@@ -23,7 +23,7 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
-                                                    Lanes, Part, Signature, whole)
+                                                    Lanes, ResultPart, Signature, whole)
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver,
                                                 most_of_one_thread, PROBE_CALLS, repeat,
                                                 run_batch)
@@ -300,7 +300,7 @@ class Kernel:
         return self.compile().address
 
     def entry(self, doc: str, fallback: Callable[..., Any],
-              parts: Sequence[Part] | None = None) -> Callable[..., Any]:
+              parts: Sequence[ResultPart] | None = None) -> Callable[..., Any]:
         """
         Return a native entry point, or the fallback without support for it.
 
