@@ -290,7 +290,7 @@ SPECS = (
          positive=True, infinite=True, low=0.0),
     Spec('torque_path', 'text', 'auto', 'what computes the commands: python, the '
          'interpreter; native, a thread that never waits for it (expected: what '
-         'docs/node.md lists); auto, native where that is possible, else python',
+         'docs/node_path.md lists); auto, native where that is possible, else python',
          choices=('python', 'native', 'auto')),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
          'control_msgs/JointCommand on topic stamped_commands, with joint names and the '
