@@ -22,7 +22,7 @@ html_search_scorer = str(ROOT / 'docs' / 'static' / 'search_scorer.js')
 html_math_renderer = 'mathml'  # the browser's own: no script, nothing to fetch
 html_show_sphinx = html_show_copyright = False
 html_copy_source = False
-exclude_patterns = ['extensions']
+exclude_patterns = ['extensions', 'dev']
 
 nitpicky = True
 # A word in single quotes in a docstring is a link if it can be one: it may be an

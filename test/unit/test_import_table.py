@@ -231,13 +231,6 @@ def test_contributing_lists_the_packages_in_this_order():
     assert lines == [line.split() for line in TABLE.split('\n') if line]
 
 
-def test_contributing_names_every_helper_of_tests():
-    text = (PACKAGE.parent / 'CONTRIBUTING.md').read_text('utf-8')
-    section = text.partition('## Helpers of tests')[2].partition('\n## ')[0]
-    helpers = [path.stem for path in (PACKAGE.parent / 'test' / 'helpers').glob('*.py')]
-    assert [name for name in sorted(helpers) if f'`{name}`' not in section] == []
-
-
 def test_packages_do_not_import_each_other_in_a_circle():
     upward_at_all = []
     for one_import in imports():

@@ -1,4 +1,4 @@
-"""Every public name is in one group of CONTRIBUTING's tables, with its reason."""
+"""Every public name is in one group of the tables of public names, with its reason."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,7 +8,8 @@ import kane_dynamics
 from kane_dynamics import ModelBuilder, Robot, rod
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 
-TEXT = (Path(__file__).resolve().parents[2] / 'CONTRIBUTING.md').read_text('utf-8')
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / 'docs/dev/public_names.md').read_text('utf-8')
 
 
 def groups(title):
