@@ -44,9 +44,9 @@ from kane_dynamics.ros.common.cdr import PreparedMessage, write_joint_state
 from kane_dynamics.ros.common.configuration_files import load_model
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.rcl_functions import clock_function, handle_address
+from kane_dynamics.ros.common.rcl_functions import _library, handle_address
 from kane_dynamics.ros.parameters.parameter_checks import read
-from kane_dynamics.ros.parameters.parameter_table import SPECS
+from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS
 from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -117,7 +117,7 @@ class Rig:
                  kind: type[TorquePath] = TorquePath) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         # So do the torques; N m/s, checked as any other limit.
-        values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
+        values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS} | {
             'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
             'arm_compensates': ('none',), 'state_check.noise': 1.0,
             'state_check.position_margin': 1.0,  # the states jump
@@ -303,7 +303,8 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     assert isinstance(path, NativeTorquePath)
     clock = Clock(clock_type=ClockType.SYSTEM_TIME)
     path.native.publish_to(0, 0)
-    path.native.set_fields(clock=clock_function(), clock_handle=handle_address(clock))
+    path.native.set_fields(clock=ctypes.cast(_library('librcl').rcl_clock_get_now, ctypes.c_void_p).value,
+                           clock_handle=handle_address(clock))
     for _ in range(3):  # the layout is learned, and a first state is confirmed
         path.on_state(rig.message())
     now = time.time_ns()

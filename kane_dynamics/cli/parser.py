@@ -68,6 +68,9 @@ def _main(arguments: list[str]) -> int:
         print(f'kane-dynamics {package_version()}')
         return 0
     options, unknown = parser.parse_known_args(arguments)
+    # argparse ends an optional file at the first option: `calibrate URDF --collision FILE`.
+    if unknown and not unknown[0].startswith('-') and not getattr(options, 'recording', 1):
+        options.recording = unknown.pop(0)
     if unknown and command is not None:
         command.error(f'unrecognized arguments: {" ".join(unknown)}')
     # A mistake of the user is one line, no traceback; a closed pipe is the caller's.

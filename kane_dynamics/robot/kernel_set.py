@@ -659,8 +659,8 @@ def _has_long_path(tree: TreeEquations) -> bool:
     for link in tree.geometry:
         carriers = 0 if link.parent == WORLD else depths[link.parent]
         depths.append(carriers + 1)
-    return max(depths) > LONG_PATH and all(link.multiplier == 1.0
-                                           for link in tree.geometry)
+    return max(depths, default=0) > LONG_PATH and all(
+        link.multiplier == 1.0 for link in tree.geometry)
 
 
 def kernel_per_robot(function: Callable[..., Kernel]) -> Callable[..., Kernel]:

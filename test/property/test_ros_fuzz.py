@@ -107,7 +107,8 @@ def as_rclpy_reads(data):
     order = [names.index(A), names.index(B)]
     q = [message.position[k] for k in order]
     u = [message.velocity[k] for k in order]
-    if not all(map(math.isfinite, q + u)):
+    # A speed that is NaN counts as absent.
+    if not all(map(math.isfinite, q)) or any(map(math.isinf, u)):
         return None
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec, q, u
 

@@ -354,6 +354,8 @@ SPECS = (
     live('observer.friction.offset', 'per_joint', [],
          'constant torque beyond the model, N m or '
          'N; empty: 0'),
+    live('observer.friction.speed', 'per_joint', FRICTION_SPEED,
+         'friction speed of that Coulomb friction, rad/s or m/s', positive=True, low=0.0),
     live('observer.action', 'text', 'report',
          'what follows a collision beside ~/collision: report, nothing; stop: the desired '
          'motion ends in a stop of state_check.stop_time, and motions are refused until the '
@@ -465,7 +467,6 @@ CONSTANTS: dict[str, Any] = {
     'payload.max_distance': 2.0,  # m, of its center of mass from the frame
     'target.max_angle': 1.6,  # rad, of the target from the measured pose
     'target.max_distance': 0.5,  # m, of it from there
-    'observer.friction.speed': np.array(FRICTION_SPEED),  # rad/s or m/s
     'observer.friction.memory': 20.0,  # s, in which the friction follows the estimate
     'observer.confirm': 0.005,  # s above a threshold that confirm a collision
     'observer.release': 0.8,  # of the thresholds, below which it ends

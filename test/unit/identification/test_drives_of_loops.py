@@ -69,7 +69,8 @@ def test_drives_of_a_loop_are_identified_with_the_gravity_of_the_robot(large):
     with pytest.warns(match='residuals'):
         wrong = identify_drives(lighter, recording)
     assert np.abs(right.stiffness / large.truth.stiffness - 1.0).max() < 0.01
-    assert np.abs(wrong.stiffness / large.truth.stiffness - 1.0).max() > 0.1
+    # What the residuals contradict is no number.
+    assert np.isnan(wrong.stiffness).all()
 
 
 def test_the_order_is_that_of_the_speeds_or_the_actuators(large):

@@ -124,7 +124,7 @@ def test_a_motion_is_the_same_when_rclpy_reads_the_message():
 def test_too_many_points_are_refused_before_reading_them():
     data = bytearray(serialize_message(trajectory(11)))
     with pytest.raises(InputError,
-                       match=r': 11 points; expected 1 to 10 .*trajectory.max_points'):
+                       match=': 11 points; expected 1 to 10'):
         read_trajectory(bytes(data), 10)
     at = data.index(struct.pack('<I', 11))
     data[at:at + 4] = b'\xff\xff\xff\x7f'

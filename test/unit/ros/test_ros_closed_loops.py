@@ -31,7 +31,7 @@ from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
     check_optional_topics)
 from kane_dynamics.ros.monitors.payload_monitor import PayloadMonitor  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
@@ -357,7 +357,7 @@ def test_each_reason_has_its_own_text():
 
 
 def all_values(**changes):
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS}
     return values | {'arm_compensates': ('none',)} | changes
 
 

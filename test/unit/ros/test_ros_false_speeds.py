@@ -166,7 +166,7 @@ def test_where_speeds_cannot_be_judged_the_diagnostics_say_so(make):
             state.header.stamp.sec, state.header.stamp.nanosec = divmod(now[0], NANO)
             path.on_state(serialize_message(state))
         parts = SimpleNamespace(collision=None, model_change=None)
-        arm = SimpleNamespace(path=path, guard=None, swing=None, drift=None,
+        arm = SimpleNamespace(path=path, guard=None, drift=None, left_mode='',
                               commanders=[], state_publishers=1, parts_of_states=[],
                               optional_topics=parts)
         return active_status(arm, 100.0, Counter(), 0.0)

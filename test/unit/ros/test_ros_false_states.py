@@ -22,7 +22,7 @@ from kane_dynamics import Controller  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
     closed_loop_reader)
 from kane_dynamics.ros.torque_path.path_controller import rate_limit  # noqa: E402
@@ -109,7 +109,7 @@ class GuardedRun(Run):
         super().__init__(name, 'computed_torque', True,
                          SimpleNamespace(publish=self.hear), action='hold')
         monkeypatch.setattr(time, 'perf_counter', lambda: self.time / NANO)
-        values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS}
         values |= node_values({'state_check.action': 'hold', 'mode': 'computed_torque'})
         self.reports = []
         self.guard = GuardPath(Controller(self.robot), self, Unread(), lambda: self.time,

@@ -184,7 +184,7 @@ def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_
     from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
     from kane_dynamics.ros.loads.wrench_input import WrenchFrames
     from kane_dynamics.ros.parameters.parameter_checks import read
-    from kane_dynamics.ros.parameters.parameter_table import SPECS
+    from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
     from kane_dynamics.ros.services.served_robot import ServedRobot
     from kane_dynamics.ros.services.simulation_request import SimulationRequest
@@ -196,7 +196,7 @@ def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_
     assert chosen.step_warning() is None
     assert "'wheel'" in SimulatedArm(robot, 0.06, 'rk4').step_warning()
     assert SimulatedArm(robot, 0.06, 'implicit').step_warning() is None
-    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit'),
                              (0.05, 'auto'),
