@@ -24,21 +24,22 @@ class ArmGravity:
 
     Attributes
     ----------
-    gravity : tuple of three float
-        In the axes of the base, m/s^2.
+    gravity : tuple of three float, optional
+        In the axes of the base, m/s^2. Default: that of the robot, whenever it changes.
     payload : tuple of ten float
         Its `Inertial.parameters` in the axes of the robot's payload frame; zeros: none.
 
     """
 
-    gravity: tuple[float, ...]
+    gravity: tuple[float, ...] | None = None
     payload: tuple[float, ...] = (0.0,) * 10
 
     @classmethod
-    def of(cls, gravity: Array, payload: Inertial | None) -> ArmGravity:
-        """Return the statement of a gravity, (3,), and a payload."""
+    def of(cls, gravity: Array | None, payload: Inertial | None) -> ArmGravity:
+        """Return the statement of a gravity, (3,) or None, and a payload."""
         ten = np.zeros(10) if payload is None else payload.parameters
-        return cls(tuple(np.asarray(gravity, float).tolist()), tuple(ten.tolist()))
+        three = None if gravity is None else tuple(np.asarray(gravity, float).tolist())
+        return cls(three, tuple(ten.tolist()))
 
     @property
     def label(self) -> str:
@@ -66,5 +67,6 @@ class ArmGravity:
     def _block(self, robot: Robot, parameters: Vector) -> Vector:
         """Return the parameters of a robot with this gravity and payload."""
         count = robot.parameters.physical
-        own = np.array([*self.gravity, *self.payload][:count])
+        gravity = parameters[:3] if self.gravity is None else self.gravity
+        own = np.array([*gravity, *self.payload][:count])
         return np.concatenate([own, parameters[count:]])

@@ -29,7 +29,7 @@ from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK, SimTim
 from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory
 from kane_dynamics.ros.joint_trajectory_action.action_server import (
     JointTrajectoryAction)
-from kane_dynamics.ros.parameters.arm_statement import examine_statement
+from kane_dynamics.ros.parameters.arm_statement import examine_statement, payload_remark
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.motion_check import refuse_impossible
@@ -422,12 +422,13 @@ class DynamicsNode(LifecycleNode):
         self.statistics.rejected[topic] += 1
         self.get_logger().error(f'{topic} rejected: {reason}')
 
-    def _on_payload(self, request: SetPayload.Request) -> None:
-        """Set the payload."""
+    def _on_payload(self, request: SetPayload.Request) -> str:
+        """Set the payload; return what the arm has to be told."""
         if self.arm is None:
             raise InputError('node: not configured; expected a configured node')
         self.arm.set_payload(request)
         self.get_logger().info(f'payload: {request.payload.m:g} kg')
+        return payload_remark(self.values)
 
     # Parameters and clock.
 

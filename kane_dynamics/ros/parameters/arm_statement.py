@@ -6,7 +6,11 @@ from typing import Any
 from kane_dynamics.analysis.known_arms import (arms_named, contradiction,
                                                effort_contradiction)
 from kane_dynamics.model.model import Model
-from kane_dynamics.ros.parameters.parameter_checks import unstated
+from kane_dynamics.ros.parameters.parameter_checks import arm_gravity, unstated
+
+ARM_PAYLOAD = ('the arm compensates gravity itself, so that `commands` do not change: set '
+               'the payload in the arm as well, or state in parameter arm_payload which '
+               'one the arm compensates')
 
 
 def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
@@ -49,3 +53,9 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
         contradictions.append(effort_contradiction(rows, values['efforts.kind'],
                                                    values['efforts.gravity']))
     return [words for words in contradictions if words]
+
+
+def payload_remark(values: Mapping[str, Any]) -> str:
+    """Return what a new payload needs besides the node; empty if nothing."""
+    compensates = 'gravity' in values['arm_compensates']
+    return ARM_PAYLOAD if compensates and arm_gravity(values) is None else ''

@@ -304,13 +304,14 @@ def arm_gravity(values: Mapping[str, Any]) -> ArmGravity | None:
     if 'gravity' not in values['arm_compensates']:
         raise InputError(f"parameter '{stated[0]}': given for an arm that does not "
                          'compensate gravity; expected gravity in arm_compensates')
-    gravity = values['arm_gravity'] if values['arm_gravity'].size else values['gravity']
+    # Not stated: that of the node, which parameters and an IMU change.
+    gravity = values['arm_gravity'] if values['arm_gravity'].size else None
     payload = None
     four = values['arm_payload']
     if four.size and (len(four) != 4 or four[0] < 0.0):
         raise InputError(f"parameter 'arm_payload': {four.tolist()}; expected the mass, kg, "
                          'and three coordinates of its center of mass, m')
-    if len(gravity) != 3:
+    if gravity is not None and len(gravity) != 3:
         raise InputError(f"parameter 'arm_gravity': {gravity.tolist()}; expected three "
                          'numbers, m/s^2')
     if four.size and four[0] > 0.0:

@@ -190,7 +190,8 @@ SPECS = (
          'configure'),
     Spec('arm_gravity', 'floats', [],
          'gravity that the arm compensates, three numbers in the axes of its base, m/s^2; '
-         '`commands` have the difference from `gravity`; empty: that of `gravity`'),
+         '`commands` have the difference from the gravity of this node; empty: that one, '
+         'by parameter or IMU'),
     Spec('arm_payload', 'floats', [],
          'payload that the arm compensates: mass, kg, and three coordinates of its center '
          'of mass in the axes of payload.frame, m; `commands` have the difference from '

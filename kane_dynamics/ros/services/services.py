@@ -44,14 +44,15 @@ class Services(Node):
         system time of its reception, ns; a long trajectory thus does not block the
         torque path.
     on_payload : callable
-        Called with each SetPayload request; raises KaneError to refuse it.
+        Called with each SetPayload request; returns the message of the answer, and
+        raises KaneError to refuse the request.
     reject : callable
         Called with the reason why a trajectory cannot be filled in.
 
     """
 
     def __init__(self, front: Node, on_trajectory: Callable[[bytes, int], None],
-                 on_payload: Callable[[Any], None],
+                 on_payload: Callable[[Any], str],
                  reject: Callable[[str], None]) -> None:
         super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
                          use_global_arguments=False, start_parameter_services=False,
@@ -66,13 +67,15 @@ class Services(Node):
         # In the default group a simulation would block all other callbacks until it
         # ends.
         waiting = ReentrantCallbackGroup()
+
+        def set_payload(served: ServedRobot, request: Any, response: Any) -> None:
+            response.message = on_payload(request)
         for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
                                  (Explain, 'explain', explain),
                                  (SetPayload, 'set_payload',
-                                  lambda served, request,
-                                  response: on_payload(request))):
+                                  set_payload)):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
                                 self._answering(call), qos_profile=SERVICES)
         self.create_service(Simulate, front.resolve_service_name('~/simulate'),
