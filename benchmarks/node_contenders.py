@@ -40,8 +40,7 @@ LIBRARY = Path(__file__).resolve().parents[1] / 'build' / 'bench' / 'echo.so'
 LIBRARIES = ('rcl', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
              'sensor_msgs__rosidl_generator_c', 'std_msgs__rosidl_typesupport_c',
              'std_msgs__rosidl_generator_c')
-REALTIME = ['-p', 'realtime.priority:=50', '-p', 'realtime.lock_memory:=true',
-            '-p', 'realtime.collect_rarely:=true']
+REALTIME = ['-p', 'realtime.priority:=50', '-p', 'realtime.lock_memory:=true']
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 

@@ -3,7 +3,7 @@ The torque path's own computation: a serialized joint state in, serialized torqu
 
 The node's torque path runs without DDS: its publishers only keep the bytes. A seven-axis
 arm follows a motion in mode computed_torque. Two processes, one with the real-time
-settings of the node (realtime.priority, lock_memory, collect_rarely) and one without,
+settings of the node (realtime.priority, lock_memory) and one without,
 alternate in blocks; the machine should be idle otherwise. Each cycle is timed from the
 call with the bytes of the state to its return, after both messages are published. The
 path pauses for a fifth of the time, because Linux suspends SCHED_FIFO threads for 50 ms
@@ -56,8 +56,7 @@ from rclpy.clock import Clock, ClockType
 URDF = resource_path('urdf', 'fr3.urdf')
 OFF = 'realtime.* off'
 ON = 'realtime.* on'
-REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True,
-            'realtime.collect_rarely': True}
+REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True}
 CYCLES = 10_000_000
 BLOCK = 100_000  # cycles of one process before the other runs
 # Cycles between two pauses; s.
