@@ -13,7 +13,12 @@ mit
 
 The desired position is that of the motion, or of the first state without one, in mode
 inverse_dynamics, whose feedback is the drive's. Other modes compute the whole torque: there
-the desired position is the measured one, and stiffness and damping of `mit` are zero.
+the desired position is the measured one, and stiffness and damping of `mit` are zero. In a
+fault, without a valid state, the damping of `mit` acts on the distance from the speed of the
+stop.
+
+The torque of a drive at the measured state, feedback included, stays within the limits of
+the effort and of the rate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,11 +35,31 @@ ROWS = {EFFORT: 1, MIT: 5, POSITION: 1}
 
 
 class Reference(NamedTuple):
-    """Measured positions and rates, and desired ones, (n,) each; None: the measured ones."""
+    """
+    State and limits of a command.
+
+    Attributes
+    ----------
+    q, u : (n,) arrays
+        Measured positions and rates.
+    effort_limit : (n,) array
+        Of the whole torque of a drive, N m or N.
+    lowest, highest : (n,) arrays
+        Torques that the rate limit allows, N m or N.
+    desired : pair of (n,) arrays, optional
+        Desired positions and rates. Default: the measured ones.
+    stop_speed : (n,) array, optional
+        Desired rates of a stop without valid states.
+
+    """
 
     q: Array
     u: Array
+    effort_limit: Array
+    lowest: Array
+    highest: Array
     desired: tuple[Array, Array] | None = None
+    stop_speed: Array | None = None
 
 
 class CommandForm:
@@ -82,48 +107,45 @@ class CommandForm:
         """Return whether commands are the torques themselves."""
         return self.kind == EFFORT and bool((self.scale == 1.0).all())
 
-    def numbers(self, tau: Array, at: Reference, effort_limit: Array, *,
-                acting: bool) -> Array:
+    def numbers(self, tau: Array, at: Reference, *, acting: bool) -> tuple[Array, Array]:
         """
-        Return the numbers of a command, (count,).
+        Return the numbers of a command, (count,), and the torque of the drives, (n,).
 
         Parameters
         ----------
         tau : (n,) array
             Torques within their limits, N m or N.
         at : Reference
-            Measured and desired state.
-        effort_limit : (n,) array
-            Of the whole torque of a drive, N m or N.
+            Measured and desired state, and limits.
         acting : bool
             Whether the torque is a command; False for the zeros of a stop.
 
         """
-        if self.kind == EFFORT:
-            return np.asarray(tau / self.scale)
-        if self.kind == MIT:
-            return self._mit(tau, at, effort_limit, acting)
-        if not acting:
-            return at.q.copy()
-        target = at.q if at.desired is None else at.desired[0]
-        # The servo's torque, stiffness times the distance, stays within the limit.
-        reach = effort_limit / self.stiffness
-        aim = np.clip(target + tau / self.stiffness, at.q - reach, at.q + reach)
-        return np.clip(aim, self.lower, self.upper)
-
-    def _mit(self, tau: Array, at: Reference, effort_limit: Array, acting: bool) -> Array:
-        """Return the rows of MIT mode, one after the other."""
         zero = np.zeros_like(tau)
+        q_d, u_d = at.desired or (at.q, zero)
+        feedback = zero
+        if at.desired is not None:
+            feedback = self.stiffness * (q_d - at.q)
+            if self.kind == MIT:  # the damping of a servo is its own
+                feedback = feedback + self.damping * (u_d - at.u)
+        total = np.clip(tau + feedback, -at.effort_limit, at.effort_limit)
+        total = np.clip(total, at.lowest, at.highest) if acting else zero
+        if self.kind == POSITION:
+            if not acting:
+                return at.q.copy(), zero
+            aim = np.clip(at.q + total / self.stiffness, self.lower, self.upper)
+            return aim, self.stiffness * (aim - at.q)
+        # The rows of MIT mode: position, velocity, stiffness, damping and torque.
         gain = 1.0 / np.abs(self.scale)
-        if not acting:
-            return np.concatenate([at.q, zero, zero, self.damping * gain, zero])
-        if at.desired is None:
-            return np.concatenate([at.q, zero, zero, zero, tau / self.scale])
-        q_d, u_d = at.desired
-        feedback = self.stiffness * (q_d - at.q) + self.damping * (u_d - at.u)
-        total = np.clip(tau + feedback, -effort_limit, effort_limit)
-        return np.concatenate([q_d, u_d, self.stiffness * gain, self.damping * gain,
-                               (total - feedback) / self.scale])
+        stiffness = damping = zero
+        if acting and at.desired is not None:
+            stiffness, damping = self.stiffness * gain, self.damping * gain
+        elif not acting:
+            damping = self.damping * gain
+        elif at.stop_speed is not None:
+            u_d, damping = at.stop_speed, self.damping * gain
+        rows = [q_d, u_d, stiffness, damping, (total - feedback) / self.scale]
+        return np.concatenate(rows), total
 
     def torque(self, numbers: Array, q: Array, u: Array) -> Array:
         """Return the torques, (n,) N m or N, of drives with a command at a state."""

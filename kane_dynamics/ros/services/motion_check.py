@@ -19,6 +19,7 @@ from kane_dynamics.loop_tracking.driven_mechanism import (driving_tracker,
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.parameters.command_form import EFFORT
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.parameters.task_settings import joint_stiffness
 from kane_dynamics.ros.services.served_robot import ServedRobot
@@ -221,6 +222,9 @@ def _check_first_effort(served: ServedRobot, motion: Motion, place: Array,
         udot = udot + per_joint(values, 'gains.kp', robot.joint_names, 0.0)[columns] * offset
     elif mode is Mode.JOINT_IMPEDANCE:
         spring[columns] = joint_stiffness(values, robot)[columns] * offset[0]
+    elif mode is Mode.INVERSE_DYNAMICS and values['commands.form'] != EFFORT:
+        drives = per_joint(values, 'commands.stiffness', robot.joint_names, 0.0)
+        spring[columns] = drives[columns] * offset[0]
     else:
         return
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)

@@ -118,6 +118,9 @@ class TorquePath:
         commanded = commanded_joints(robot, controller.followed)
         self.form = CommandForm(robot, commanded, values)
         self._pose: Array | None = None  # that a drive holds without a motion
+        # Torque of the drives with the last command, feedback included, and its stamp, ns;
+        # None where the rate limit counts from the torque of the path.
+        self._drive: tuple[Array, int] | None = None
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
                                         stamped, self.form.count)
         self._follow = list(map(robot.joint_names.index, controller.followed))
@@ -376,6 +379,7 @@ class TorquePath:
         self._memory.path = self._initial()
         self._stop = NEVER, None
         self._waiting = b''
+        self._pose = self._drive = None
         self.controller.stop()
         if self.loops is not None:
             self.loops.restart()
@@ -469,21 +473,28 @@ class TorquePath:
     def _send(self, stamp: int) -> None:
         """Publish the torques of the path, with a stamp, ns."""
         tau = self._memory.tau
-        command = tau if self.form.plain else self._command(tau, stamp)
-        self.messages.publish(tau, *divmod(max(stamp, 0), NANO), command)
+        command, torque = (tau, tau) if self.form.plain else self._command(tau, stamp)
+        self.messages.publish(torque, *divmod(max(stamp, 0), NANO), command)
 
-    def _command(self, tau: Array, stamp: int) -> Array | None:
-        """Return the command of torques in its form; None for a position that is unknown."""
+    def _command(self, tau: Array, stamp: int) -> tuple[Array | None, Array]:
+        """
+        Return the command of torques in its form, and the torque of the drives, (n,).
+
+        The command is None for a position that is unknown.
+        """
         form = self.form
         if form.kind == EFFORT:
-            return np.asarray(tau / form.scale)
+            return np.asarray(tau / form.scale), tau
         if not self.known:
-            return None if form.kind == POSITION else np.zeros(form.count)
+            return None if form.kind == POSITION else np.zeros(form.count), tau
         of_commanded = self.messages.of_commanded
         q = of_commanded(self._accepted())
         u = of_commanded(self._accepted_speeds())
         acting = self.commanding
-        desired = None
+        desired = stop_speed = None
+        if acting and self._memory.entries[STOP_BEGAN] > NEVER:
+            motion, elapsed = self._stop_of_now()
+            stop_speed = of_commanded(motion.sample(elapsed)[1])
         # In the other modes the law has the whole feedback.
         if acting and not self.fault and self.controller.mode is Mode.INVERSE_DYNAMICS:
             state = self.active_motion.desired(min(stamp, self._now()))
@@ -495,8 +506,17 @@ class TorquePath:
                 desired = self._pose, np.zeros_like(q)
         else:
             self._pose = None
+        # The rate limit counts from the last torque of the drives, with their feedback.
+        last, since = self._drive or (tau, stamp)
+        elapsed = min(max(stamp - since, 0) / NANO, 2.0 * self.period)
+        rate = of_commanded(self.controller.rate_limit)
+        is_limited = np.isfinite(rate)
+        change = np.where(is_limited, np.where(is_limited, rate, 0.0) * elapsed, np.inf)
         limit = of_commanded(self.controller.effort_limit)
-        return form.numbers(tau, Reference(q, u, desired), limit, acting=acting)
+        command, torque = form.numbers(tau, Reference(
+            q, u, limit, last - change, last + change, desired, stop_speed), acting=acting)
+        self._drive = (torque, stamp) if acting else None
+        return command, torque
 
     @property
     def arbitration(self) -> Arbitration | None:
@@ -816,7 +836,8 @@ class TorquePath:
 
     def _acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,)."""
-        return self.messages.of_all(self._memory.tau)
+        tau = self._memory.tau if self._drive is None else self._drive[0]
+        return self.messages.of_all(tau)
 
     def _event(self, now: int) -> Event:
         """Return the times of a look at the clock."""
@@ -924,6 +945,7 @@ class TorquePath:
             self._warn(*CLOCK_JUMPED)
         if path.dropped_by == cycle_rules.BY_GUARD:
             dropped |= self._clear_motion('torque_guard held the arm', path)
+            self._pose = self._drive = None  # the arm may have moved since
         elif path.dropped_by == cycle_rules.BY_REFUSAL:  # the report of the fault was lost
             dropped |= self._clear_motion('joint states were refused', path)
         elif path.dropped_by == cycle_rules.BY_STALL:

@@ -7,6 +7,7 @@ pytest.importorskip('rclpy')
 
 from held_arms import held_arm  # noqa: E402, I100
 from kane_dynamics import load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics.control_cycle import cycle_rules  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
@@ -50,7 +51,7 @@ class Ignored:
 class Loop:
     """A torque path and a simulated arm with servos, cycle by cycle."""
 
-    def __init__(self, form, mode='inverse_dynamics', scale=(), plant_scale=None):
+    def __init__(self, form, mode='inverse_dynamics', scale=(), plant_scale=None, **stated):
         drives = {'commands.form': form, 'efforts.scale': list(scale)}
         if form != 'effort':
             drives |= {'commands.stiffness': STIFF, 'commands.damping': DAMPING}
@@ -63,7 +64,7 @@ class Loop:
         self.plant = PlantState(Robot(MODEL), values)
         self.commands = Commands()
         self.time = NANO
-        stated = node_values({**drives, 'mode': mode})
+        stated = node_values({**drives, 'mode': mode, **stated})
         self.path = TorquePath(path_controller(MODEL, stated), self.commands, Ignored(),
                                lambda: self.time, stated, Statistics(),
                                lambda *words: None)
@@ -197,3 +198,63 @@ def test_a_form_that_does_not_fit_is_refused(changes, words):
     with pytest.raises(InputError, match=words):
         TorquePath(path_controller(MODEL, stated), Commands(), Ignored(), lambda: NANO,
                    stated, Statistics(), lambda *words: None)
+
+
+def shown_torque(loop):
+    """Return the torque of the drives with the last command at the accepted state, (n,)."""
+    path = loop.path
+    u = path._accepted_speeds()
+    torque = path.form.torque(loop.commands.numbers, path._accepted(), u)
+    return torque + (DAMPING * u if path.form.kind == 'position_offset' else 0.0)
+
+
+@pytest.mark.parametrize('form', ['position_offset', 'mit'])
+@pytest.mark.parametrize('event', ['motion begins off the arm', 'mode changes', 'guard'])
+def test_the_torque_of_a_drive_stays_within_the_rate_limit(form, event):
+    loop = Loop(form)
+    loop.run(0.5)
+    path = loop.path
+    rate = path.controller.rate_limit
+    before = shown_torque(loop)
+    if event == 'motion begins off the arm':
+        points = [START + 0.5, START + 0.6]
+        motion = Motion.from_points([0.0, 2.0], points, joint_names=MODEL.joint_names)
+        active = path.active_motion
+        assert active.follow(motion, loop.time, loop.time, active.generation)
+    elif event == 'mode changes':
+        path._pose = path._accepted() + 0.6  # the drives hold against a wrong model
+        loop.run(0.2)
+        before = shown_torque(loop)
+        path.controller.update(mode='computed_torque')
+        path.set_limits(node_values({'mode': 'computed_torque'}))
+    else:  # torque_guard held the arm, which moved
+        path._pose = path._accepted() + 0.3
+        path._note_drop(path._memory.path, path._memory.path._replace(
+            drops=path._memory.path.drops + 1.0, dropped_by=float(cycle_rules.BY_GUARD)),
+            loop.time)
+    for _ in range(30):
+        loop.run(0.002)
+        after = shown_torque(loop)
+        assert (np.abs(after - before) <= rate * 0.004 * (1.0 + 1e-6) + 1e-9).all()
+        before = after
+    if event == 'guard':
+        np.testing.assert_allclose(path._pose, path._accepted(), atol=0.02)
+
+
+def test_the_damping_of_mit_acts_in_a_fault():
+    loop = Loop('mit', **{'state_check.action': 'hold'})
+    loop.run(0.3)
+    loop.follow()
+    loop.run(0.5)
+    for _ in range(100):  # states that are not finite
+        loop.time += NANO // 500
+        message = JointState(name=list(MODEL.joint_names), position=[np.nan] * N,
+                             velocity=[0.0] * N)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(loop.time, NANO)
+        loop.path.on_state(serialize_message(message))
+    assert loop.path.fault and loop.path.commanding
+    _, velocity, stiffness, damping, torque = loop.commands.numbers.reshape(5, -1)
+    assert not stiffness.any() and torque.any()
+    np.testing.assert_allclose(damping, DAMPING)
+    speed = np.abs(velocity).max()
+    assert 0.0 < speed < np.abs(MOTION.sample(0.5)[1]).max()  # of the stop
