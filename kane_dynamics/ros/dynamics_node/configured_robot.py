@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.mechanics.friction import is_self_locking
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
@@ -170,6 +170,7 @@ class ConfiguredRobot:
         self.left_mode = ''
         # Period of the states, and steady time, when stability was judged last, s
         self._judged = 0.0, 0.0
+        self._suspected = False  # whether feedback was unstable at the last look
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
@@ -610,7 +611,8 @@ class ConfiguredRobot:
         """
         Return why feedback that acts has to end now; empty if it need not.
 
-        It is judged each second, and at once where states come more seldom.
+        It is judged each second, and at once where states come more seldom. Two looks have
+        to agree: the distance of two states alone may be that of a start or a pause.
         """
         path = self.path
         period = path.period
@@ -621,9 +623,16 @@ class ConfiguredRobot:
         now = time.monotonic()
         if period < MORE_SELDOM * last_period and now - last_time < 1.0:
             return ''
-        self._judged = period, now
         mode = path.controller.mode
-        words = instability(path.controller, self.modes.laws, mode, q, period)
+        try:
+            words = instability(path.controller, self.modes.laws, mode, q, period)
+        except (KaneError, np.linalg.LinAlgError):  # at a singular configuration
+            return ''
+        if words and not self._suspected:
+            self._suspected = True
+            return ''
+        self._judged = period, now
+        self._suspected = False
         if words:
             self.left_mode = f'mode {mode} ended, gravity_compensation since then: {words}'
         return words and self.left_mode

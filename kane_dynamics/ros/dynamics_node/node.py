@@ -30,6 +30,7 @@ from kane_dynamics.ros.inputs.trajectory_input import follow_trajectory
 from kane_dynamics.ros.joint_trajectory_action.action_server import (
     JointTrajectoryAction)
 from kane_dynamics.ros.parameters.arm_statement import examine_statement, payload_remark
+from kane_dynamics.ros.parameters.command_form import EFFORT
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.motion_check import refuse_impossible
@@ -238,7 +239,8 @@ class DynamicsNode(LifecycleNode):
         if self._bond is not None:
             self._bond.form()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
-        if self.values['mode'] == Mode.INVERSE_DYNAMICS:
+        if (self.values['mode'] == Mode.INVERSE_DYNAMICS
+                and self.values['commands.form'] == EFFORT):
             self.get_logger().info(FEEDFORWARD)
         if self.arm.guard is None and not self._is_simulated:
             self.get_logger().warning(

@@ -3,6 +3,7 @@
 from pathlib import Path
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
+from kane_dynamics.errors import ConstraintError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot  # noqa: E402
 from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
@@ -229,3 +232,22 @@ def test_unstable_gains_are_neither_activated_nor_set_live(torque_path):
     assert done.stdout.strip() == said, done.stdout + done.stderr
     assert 'not activated: computed_torque: joint' in done.stderr
     assert 'not activated: no joint states yet' in done.stderr
+
+
+def test_a_single_long_period_ends_no_mode_and_what_cannot_be_judged_raises_nothing():
+    controller = Controller(ROBOT, mode=Mode.COMPUTED_TORQUE, kp=100.0, kd=30.0)
+    path = SimpleNamespace(period=0.09, measured=lambda: HOME, controller=controller)
+    arm = SimpleNamespace(path=path, modes=SimpleNamespace(laws={}), fault='', left_mode='',
+                          _judged=(0.0, 0.0), _suspected=False)
+    said = []
+    # The first two states were far apart; later all are.
+    for path.period in (0.09, 0.001, 0.09, 0.09):
+        said.append(ConfiguredRobot.leave_unstable_mode(arm))
+    assert said[:3] == ['', '', ''] and 'swings up' in said[3]
+
+    def singular(q):
+        raise ConstraintError('constraints: singular')
+    controller = SimpleNamespace(mode=Mode.JOINT_IMPEDANCE, robot=ROBOT)
+    arm.path = SimpleNamespace(period=0.5, measured=lambda: HOME, controller=controller)
+    arm.modes.laws[Mode.JOINT_IMPEDANCE] = SimpleNamespace(springs=singular)
+    assert ConfiguredRobot.leave_unstable_mode(arm) == ''
