@@ -328,6 +328,42 @@ def test_a_node_that_returns_gets_the_topic_without_step_and_without_two_voices(
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+def test_drives_with_feedback_pass_to_the_guard_and_back_without_a_step(monkeypatch,
+                                                                        controller):
+    stiffness = 40.0
+    both = Pair(monkeypatch, controller, native=False, **{
+        'commands.form': 'position_offset', 'commands.stiffness': np.array(stiffness)})
+    both.path._pose = Q + 0.1  # the drives hold against a wrong model
+    both.run(0.4)
+    began = both.machine.now
+
+    def torques():
+        taus = [stiffness * (aim - at) for (now, _, aim), (when, at) in zip(
+            both.machine.commands[-len(places):], places) if now >= began]
+        return np.array(taus)
+    places = []
+
+    def run(seconds, speed=0.0):
+        for _ in range(round(seconds / both.period)):
+            both.q = both.q + speed * both.period
+            before = len(both.machine.commands)
+            both.step()
+            places.extend([(both.machine.now, both.q)]
+                          * (len(both.machine.commands) - before))
+    run(0.01)
+    gravity = Robot(MODEL).gravity_force(Q)
+    assert np.abs(torques()[0] - gravity).max() > 3.0
+    both.node_process.running = False
+    run(0.3)
+    np.testing.assert_allclose(torques()[-1], gravity, atol=1e-9)
+    run(0.3, speed=0.2)  # the arm yields to a hand while the guard acts
+    both.node_process.resume()
+    run(0.3)
+    assert both.voices(began) == ['node', 'guard', 'node']
+    assert np.abs(np.diff(torques(), axis=0)).max() <= RATE * both.period * (1.0 + 1e-9)
+    np.testing.assert_allclose(torques()[-1], Robot(MODEL).gravity_force(both.q), atol=1e-9)
+
+
 def test_zeros_that_the_guard_denied_do_not_follow_its_torques(pair):
     both = pair()
     both.node_process.running = False
