@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kane_dynamics.analysis.known_arms import words
+from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.analysis.model_checks import Finding, listed
 from kane_dynamics.control.quasi_static import flexible_robot, QuasiStatic
 from kane_dynamics.control.terms import NO_TERM
@@ -133,9 +134,13 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     def value(name: str) -> Any:
         spec = BY_NAME[name]
         return read(spec, parameters.get(name, spec.default))
-    constants = value('efforts.constants')
-    return Efforts(value('efforts.kind'), value('efforts.gravity'),
-                   constants if constants.size else None)
+    kind = value('efforts.kind')
+    constants, scale = value('efforts.constants'), value('efforts.scale')
+    if scale.size and kind in (EffortKind.MOTOR_CURRENT, EffortKind.MOTOR_TORQUE):
+        # Efforts in another unit are to torques what currents are.
+        constants = scale * constants if constants.size else scale
+        kind = EffortKind.MOTOR_CURRENT
+    return Efforts(kind, value('efforts.gravity'), constants if constants.size else None)
 
 
 def _chosen_node(nodes: Sequence[str], namespace: str) -> str:

@@ -377,7 +377,12 @@ def _numbers(robot: Robot, message: JointState,
                         'velocities')]
     findings = []
     # Joint states that the node would drop.
-    for quantity, values in (('positions', q), ('velocities', u)):
+    absent = np.isnan(u)
+    if absent.any():
+        findings.append(Finding('warning', f'velocities of {listed(_not_finite(names, u))}: '
+                                'not finite; the dynamics node then uses speeds from '
+                                'positions'))
+    for quantity, values in (('positions', q), ('velocities', np.where(absent, 0.0, u))):
         bad = _not_finite(names, values)
         if bad:
             findings.append(Finding('problem',

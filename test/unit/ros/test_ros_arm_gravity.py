@@ -46,7 +46,7 @@ def test_an_arm_knows_each_new_gravity_unless_its_own_is_stated(make, arm_gravit
     path = side.path
     path.start()
     for gravity, payload in ((MODEL.gravity, None), (TILTED, None), (TILTED, LOAD)):
-        # As the node sets them: by a parameter, or by an IMU, which changes no parameter.
+        # By a parameter, or by an IMU, which changes no parameter.
         for changed in (values, node_values(stated | {'gravity': gravity.tolist()})):
             path.controller.update(**path_settings(changed, path.controller.robot))
             path.set_loads(GravityAndPayload(gravity, payload))
@@ -54,11 +54,13 @@ def test_an_arm_knows_each_new_gravity_unless_its_own_is_stated(make, arm_gravit
                 now[0] += 1_000_000
                 message = JointState(name=list(MODEL.joint_names), position=Q.tolist(),
                                      velocity=[0.0, 0.0])
-                message.header.stamp.sec, message.header.stamp.nanosec = divmod(now[0], 10**9)
+                stamp = message.header.stamp
+                stamp.sec, stamp.nanosec = divmod(now[0], 10**9)
                 path.on_state(serialize_message(message))
             command = deserialize_message(side.commands.sent[-1], Float64MultiArray).data
             own = weight(gravity if arm_gravity is None else np.array(arm_gravity), LOAD)
-            np.testing.assert_allclose(command, weight(gravity, payload) - own, atol=1e-9)
+            expected = weight(gravity, payload) - own
+            np.testing.assert_allclose(command, expected, atol=1e-9)
 
 
 def test_the_answer_to_a_payload_says_when_the_arm_has_to_be_told_too():

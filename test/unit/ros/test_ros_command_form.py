@@ -51,7 +51,8 @@ class Ignored:
 class Loop:
     """A torque path and a simulated arm with servos, cycle by cycle."""
 
-    def __init__(self, form, mode='inverse_dynamics', scale=(), plant_scale=None, **stated):
+    def __init__(self, form, mode='inverse_dynamics', scale=(), plant_scale=None,
+                 **stated):
         drives = {'commands.form': form, 'efforts.scale': list(scale)}
         if form != 'effort':
             drives |= {'commands.stiffness': STIFF, 'commands.damping': DAMPING}
@@ -201,7 +202,7 @@ def test_a_form_that_does_not_fit_is_refused(changes, words):
 
 
 def shown_torque(loop):
-    """Return the torque of the drives with the last command at the accepted state, (n,)."""
+    """Return the torque of the drives at the accepted state, (n,)."""
     path = loop.path
     u = path._accepted_speeds()
     torque = path.form.torque(loop.commands.numbers, path._accepted(), u)

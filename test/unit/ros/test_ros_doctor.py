@@ -260,6 +260,17 @@ def test_the_kind_of_efforts_is_that_of_the_file(tmp_path):
     assert configured_efforts(path, 'right') is None
 
 
+def test_efforts_in_another_unit_are_compared_with_their_scale(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text('/**: {ros__parameters: {efforts: {scale: [-2.0, 0.5]}}}')
+    stated = configured_efforts(path)
+    reported = (np.asarray(weight()) / [-2.0, 0.5])[::-1].tolist()
+    for efforts, level in ((stated, 'fine'), (Efforts(), 'problem')):
+        findings = examine_states(arm(), states(effort=reported), 1.0, efforts)
+        assert any(finding.level == level and 'efforts at rest' in finding.words
+                   for finding in findings), findings
+
+
 def findings(*messages):
     """Return the levels and the texts of the findings."""
     results = examine_states(arm(), [*messages], 1.0)
@@ -284,6 +295,11 @@ def test_stamps_are_compared_with_the_clock_of_the_node():
     assert '/clock: a publisher but no message' in findings(*states(now=0, stamp=5))[1]
 
 
+def test_an_infinite_velocity_is_a_problem():
+    levels, words = findings(*states(velocity=[math.inf, 1.0]))
+    assert 'problem' in levels and 'velocities of joint2: not finite; expected' in words
+
+
 def test_zero_stamps_give_a_warning():
     levels, words = findings(*states(stamp=0))
     assert 'problem' not in levels
@@ -291,7 +307,7 @@ def test_zero_stamps_give_a_warning():
 
 
 @pytest.mark.parametrize(('what', 'level'), [
-    ('position', 'problem'), ('velocity', 'problem'), ('effort', 'warning')])
+    ('position', 'problem'), ('velocity', 'warning'), ('effort', 'warning')])
 def test_non_finite_numbers_are_reported_as_such(what, level):
     name = {'position': 'positions', 'velocity': 'velocities', 'effort': 'efforts'}[what]
     levels, words = findings(*states(**{what: [math.nan, 1.0]}))

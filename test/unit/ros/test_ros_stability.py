@@ -237,8 +237,8 @@ def test_unstable_gains_are_neither_activated_nor_set_live(torque_path):
 def test_a_single_long_period_ends_no_mode_and_what_cannot_be_judged_raises_nothing():
     controller = Controller(ROBOT, mode=Mode.COMPUTED_TORQUE, kp=100.0, kd=30.0)
     path = SimpleNamespace(period=0.09, measured=lambda: HOME, controller=controller)
-    arm = SimpleNamespace(path=path, modes=SimpleNamespace(laws={}), fault='', left_mode='',
-                          _judged=(0.0, 0.0), _suspected=False)
+    arm = SimpleNamespace(path=path, modes=SimpleNamespace(laws={}), fault='',
+                          left_mode='', _judged=(0.0, 0.0), _suspected=False)
     said = []
     # The first two states were far apart; later all are.
     for path.period in (0.09, 0.001, 0.09, 0.09):
