@@ -99,8 +99,16 @@ class CommandForm:
             raise InputError(f"parameter 'commands.stiffness': "
                              f'{values["commands.stiffness"].tolist()}; expected the '
                              f'positive stiffness of the drives for {self.kind}, N m/rad')
+        if self.kind == MIT and values.get('stamped_commands'):
+            raise InputError("parameter 'stamped_commands': true with commands.form mit; "
+                             'expected false, as the message has one number per joint')
         self.lower = np.asarray(robot.limits.lower)[places]
         self.upper = np.asarray(robot.limits.upper)[places]
+
+    @property
+    def interface(self) -> str:
+        """Return the name of what stamped commands are."""
+        return 'position' if self.kind == POSITION else 'effort'
 
     @property
     def plain(self) -> bool:

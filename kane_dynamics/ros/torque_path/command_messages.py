@@ -26,6 +26,8 @@ class CommandMessages:
         Publisher of JointCommand.
     count : int, optional
         Number of numbers of a command; default: one for each joint.
+    interface : str
+        That of the stamped commands, whose numbers are those of the commands.
 
     Attributes
     ----------
@@ -39,7 +41,7 @@ class CommandMessages:
     def __init__(self, joints: Sequence[str], commanded: Sequence[int],
                  commands: Publisher,
                  torques: Publisher, stamped: Publisher | None,
-                 count: int | None = None) -> None:
+                 count: int | None = None, interface: str = 'effort') -> None:
         self.joints = tuple(joints[k] for k in commanded)
         self._count = len(joints)
         self._places = np.array(commanded, dtype=np.intp)
@@ -47,7 +49,7 @@ class CommandMessages:
         # The messages are made once; a command only fills in its numbers.
         self._command_message = float64_multi_array(count or len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
-        self._stamped_message = joint_command(self.joints, 'effort')
+        self._stamped_message = joint_command(self.joints, interface)
 
     def publish(self, tau: Array, sec: int, nanosec: int, command: Array | None) -> None:
         """Publish a command, if there is one, then the torques of the commanded joints."""
@@ -56,9 +58,9 @@ class CommandMessages:
         if command is not None:
             self._command_message.numbers[:] = command
             commands.publish(self._command_message.serialized())
-        if stamped is not None:
+        if stamped is not None and command is not None:
             self._stamped_message.stamp(sec, nanosec)
-            self._stamped_message.numbers[:] = tau
+            self._stamped_message.numbers[:] = command
             stamped.publish(self._stamped_message.serialized())
         self._torque_message.stamp(sec, nanosec)
         self._torque_message.numbers[:] = tau

@@ -122,7 +122,7 @@ class TorquePath:
         # None where the rate limit counts from the torque of the path.
         self._drive: tuple[Array, int] | None = None
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
-                                        stamped, self.form.count)
+                                        stamped, self.form.count, self.form.interface)
         self._follow = list(map(robot.joint_names.index, controller.followed))
         self.wrenches: WrenchInput | None = None
         self._guard: GuardSide | None = None

@@ -42,17 +42,17 @@ class Commands:
 
 
 class Ignored:
-    """Takes messages and forgets them."""
+    """Keeps the bytes of the last message."""
 
     def publish(self, data):
-        """Do nothing."""
+        self.data = data
 
 
 class Loop:
     """A torque path and a simulated arm with servos, cycle by cycle."""
 
     def __init__(self, form, mode='inverse_dynamics', scale=(), plant_scale=None,
-                 **stated):
+                 stamped=False, **stated):
         drives = {'commands.form': form, 'efforts.scale': list(scale)}
         if form != 'effort':
             drives |= {'commands.stiffness': STIFF, 'commands.damping': DAMPING}
@@ -64,11 +64,13 @@ class Loop:
                   for name, spec in specs.items()}
         self.plant = PlantState(Robot(MODEL), values)
         self.commands = Commands()
+        self.stamped = Ignored()
         self.time = NANO
         stated = node_values({**drives, 'mode': mode, **stated})
         self.path = TorquePath(path_controller(MODEL, stated), self.commands, Ignored(),
                                lambda: self.time, stated, Statistics(),
-                               lambda *words: None)
+                               lambda *words: None,
+                               stamped=self.stamped if stamped else None)
         self.path.start()
 
     def run(self, seconds):
@@ -192,6 +194,8 @@ def test_the_torque_of_a_drive_stays_within_the_limit(form):
     ({'commands.form': 'mit'}, r"'commands.stiffness'.*expected the positive stiffness"),
     ({'commands.form': 'position_offset', 'commands.stiffness': [1.0, 2.0]},
      r'expected one number'),
+    ({'commands.form': 'mit', 'commands.stiffness': STIFF, 'stamped_commands': True},
+     r"'stamped_commands': true with commands.form mit; expected false"),
     ({'efforts.scale': [1.0, 0.0, 1.0, 1.0, 1.0]}, r"scale' of joint 'j2': 0; expected"),
 ])
 def test_a_form_that_does_not_fit_is_refused(changes, words):
@@ -259,3 +263,14 @@ def test_the_damping_of_mit_acts_in_a_fault():
     np.testing.assert_allclose(damping, DAMPING)
     speed = np.abs(velocity).max()
     assert 0.0 < speed < np.abs(MOTION.sample(0.5)[1]).max()  # of the stop
+
+
+@pytest.mark.parametrize(('form', 'interface'), [('effort', b'effort'),
+                                                 ('position_offset', b'position')])
+def test_stamped_commands_are_the_commands(form, interface):
+    loop = Loop(form, scale=SCALE, stamped=True)
+    loop.run(0.5)
+    stamped = loop.stamped.data
+    np.testing.assert_array_equal(np.frombuffer(stamped[-8 * N:]), loop.commands.numbers)
+    assert interface in stamped
+    assert np.abs(loop.commands.numbers - loop.path._memory.tau).max() > 0.1
