@@ -425,7 +425,7 @@ class DynamicsNode(LifecycleNode):
         self.get_logger().error(f'{topic} rejected: {reason}')
 
     def _on_payload(self, request: SetPayload.Request) -> str:
-        """Set the payload; return what the arm has to be told."""
+        """Set the payload; return the remark on it."""
         if self.arm is None:
             raise InputError('node: not configured; expected a configured node')
         self.arm.set_payload(request)

@@ -56,6 +56,6 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
 
 
 def payload_remark(values: Mapping[str, Any]) -> str:
-    """Return what a new payload needs besides the node; empty if nothing."""
+    """Return the remark on a new payload, for the arm itself; empty without one."""
     compensates = 'gravity' in values['arm_compensates']
     return ARM_PAYLOAD if compensates and arm_gravity(values) is None else ''
