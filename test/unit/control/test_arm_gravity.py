@@ -106,5 +106,7 @@ def test_efforts_of_trajectories_are_without_the_torque_of_the_arm():
     u = np.full(6, 0.3)
     udot = np.full(6, -0.5)
     tau = believed().inverse_dynamics(robot, Q, u, udot)
-    np.testing.assert_allclose(tau, robot.inverse_dynamics(Q, u, udot) - own_torque(),
+    whole = robot.inverse_dynamics(Q, u, udot)
+    np.testing.assert_allclose(tau, whole - own_torque(), atol=1e-10)
+    np.testing.assert_allclose(believed().whole_inverse_dynamics(robot, Q, u, udot), whole,
                                atol=1e-10)

@@ -115,8 +115,9 @@ def test_a_servo_sags_at_least_20_times_less_with_the_command(form):
 
 
 @pytest.mark.parametrize('form', ['position_offset', 'mit'])
-def test_a_motion_is_followed_by_the_feedback_of_the_drives(form):
-    loop = Loop(form)
+@pytest.mark.parametrize('scale', [(), SCALE])
+def test_a_motion_is_followed_by_the_feedback_of_the_drives(form, scale):
+    loop = Loop(form, scale=scale)
     loop.run(0.5)
     loop.follow()
     q = loop.run(2.0)
