@@ -198,6 +198,9 @@ class Controller:
             effort = per_joint(effort_limit, 'effort_limit', names, finite=False)
         if rate_limit is not None:
             rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
+        if compensate is not None and compensate.arm is not None and (
+                self.bending is not None):
+            raise InputError('compensate.arm: given for flexible links; expected rigid links')
         # From here on nothing is refused.
         if blend_time is not None:
             self._blend.duration = blend_time
@@ -221,9 +224,6 @@ class Controller:
         if compensate is not None:
             self._compensate = compensate
             arm = compensate.arm
-            if arm is not None and self.bending is not None:
-                raise InputError('compensate.arm: given for flexible links; expected rigid '
-                                 'links')
             self._arm = None if arm is None else arm.entry(self.robot)
             self._back = compensate.of_feedback.weights
 
