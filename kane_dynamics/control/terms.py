@@ -117,9 +117,11 @@ class Terms:
         Its friction is that of the choice `feedforward_friction`.
         """
         tau = self.whole_inverse_dynamics(source, q, u, udot, **time)
-        if self.arm is not None and isinstance(source, Robot):
-            tau = tau - self.arm.force_at(source, q, **time)
-        return tau
+        if self.arm is None:
+            return tau
+        if not isinstance(source, Robot):
+            raise InputError('arm: given for flexible links; expected rigid links')
+        return tau - self.arm.force_at(source, q, **time)
 
     def whole_inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
                                udot: Array, **time: Any) -> Array:

@@ -1,9 +1,11 @@
 """Promises for arms that compensate gravity for a base and a payload they were told."""
 
-from kane_dynamics import Controller, load_urdf, Mode, Robot, Terms
+from kane_dynamics import Controller, load_urdf, Mode, Robot, stiffened, Terms
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.arm_gravity import ArmGravity
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.traced_laws import controller_laws, Desired, LawInput
+from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.motion.motion import Motion
 import numpy as np
@@ -110,3 +112,15 @@ def test_efforts_of_trajectories_are_without_the_torque_of_the_arm():
     np.testing.assert_allclose(tau, whole - own_torque(), atol=1e-10)
     tau = believed().whole_inverse_dynamics(robot, Q, u, udot)
     np.testing.assert_allclose(tau, whole, atol=1e-10)
+
+
+def test_the_torque_of_an_arm_with_flexible_links_is_refused():
+    model = load_urdf(resource_path('urdf', 'two_link.urdf'),
+                      supplement=resource_path('urdf', 'two_link.bending.yaml'))
+    bending = QuasiStatic(Robot(model))
+    rigid = Robot(stiffened(model))
+    still = np.zeros(2)
+    with pytest.raises(InputError, match='^arm: given for flexible links; expected rigid'):
+        believed().inverse_dynamics(bending, still, still, still)
+    with pytest.raises(InputError, match='^compensate.arm: given for flexible links'):
+        Controller(rigid, bending=bending, compensate=believed())
