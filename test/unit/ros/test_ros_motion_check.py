@@ -207,7 +207,8 @@ def test_what_is_filled_to_be_executed_at_once_begins_at_the_speed_of_the_arm():
 
 @pytest.mark.parametrize(('mode', 'gains', 'joint'), [
     ('computed_torque', {'gains.kp': 2000.0}, 1),
-    ('joint_impedance', {'joint_impedance.stiffness': 1500.0}, 3)])
+    ('joint_impedance', {'joint_impedance.stiffness': 1500.0}, 3),
+    ('inverse_dynamics', {'commands.form': 'mit', 'commands.stiffness': 1500.0}, 3)])
 def test_the_effort_that_the_distance_from_the_arm_asks_for_is_a_part_of_the_check(
         mode, gains, joint):
     arm = served({'mode': mode, **gains})
@@ -229,7 +230,8 @@ def test_the_effort_that_the_distance_from_the_arm_asks_for_is_a_part_of_the_che
         with pytest.raises(KaneError, match='effort with the distance from the arm'):
             refuse_impossible(arm, slow, place)
     assert refused[0] != refused[1] and min(refused) > 0 and max(refused) < 22
-    refuse_impossible(served({**gains}), slow, place)  # feedforward alone
+    feedforward = gains | {'commands.form': 'effort'}
+    refuse_impossible(served(feedforward), slow, place)
 
 
 speeds_of_ends = st.sampled_from([0.0, 0.0, 1e-9, 0.02, -0.1, 0.4, 2.0])
