@@ -302,7 +302,8 @@ def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
     assert isinstance(path, NativeTorquePath)
     clock = Clock(clock_type=ClockType.SYSTEM_TIME)
     path.native.publish_to(0, 0)
-    path.native.set_fields(clock=ctypes.cast(_library('librcl').rcl_clock_get_now, ctypes.c_void_p).value,
+    now_function = ctypes.cast(_library('librcl').rcl_clock_get_now, ctypes.c_void_p)
+    path.native.set_fields(clock=now_function.value,
                            clock_handle=handle_address(clock))
     for _ in range(3):  # the layout is learned, and a first state is confirmed
         path.on_state(rig.message())

@@ -223,7 +223,8 @@ def test_modes_change_live_without_a_jump_of_torque(arm):
 @pytest.mark.parametrize(('change', 'reason', 'words'), [
     (lambda arm: arm.send(arm.home, 'nowhere'), 'unknown frame', "frame_id 'nowhere'"),
     (lambda arm: arm.send(arm.home, FRAME), 'unknown frame', 'which moves'),
-    (lambda arm: arm.send(shifted(arm.home, x=0.9)), 'too far', 'expected at most 0.5 m'),
+    (lambda arm: arm.send(shifted(arm.home, x=0.9)), 'too far',
+     'expected at most 0.5 m'),
     (lambda arm: arm.send(shifted(arm.home, x=0.3, z=0.35)), 'out of reach',
      'comes within')])
 def test_a_target_is_refused_with_the_reason(arm, change, reason, words):

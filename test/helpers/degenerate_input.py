@@ -21,8 +21,8 @@ from kane_dynamics import (box, CollisionDetector, Controller, Drive, ElasticFee
                            Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic, Robot,
                            SmoothMotion, Uncertainty, with_drives)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.identification import (DriveRecording, Efforts, PayloadEstimator,
-                                          Recording, rows)
+from kane_dynamics.identification import (DriveRecording, Efforts, HeldPoses,
+                                          PayloadEstimator, Recording, rows)
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kinds_of_mechanism import case
 import numpy as np
@@ -34,7 +34,7 @@ EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
 # own.
 RESULTS = frozenset((
     'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory',
-    'closed_forms.Derivation',
+    'closed_forms.Derivation', 'closed_forms.LinearForm',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
     'feasibility.TimeScale',
     'identification.BaseFit',
@@ -156,6 +156,20 @@ def loaded_recording():
     plain = recording()
     tau = heavy.inverse_dynamics(plain.q, plain.u, plain.udot)
     return Recording(plain.t, plain.q, plain.u, plain.udot, tau)
+
+
+def held(model):
+    """Return poses in which the arm is held, with the efforts of its weight."""
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 2))
+    return HeldPoses(q, Robot(model).gravity_force(q), np.zeros((12, 2)))
+
+
+def held_recording(model):
+    """Return a recording of these poses, each held for a second."""
+    poses = held(model)
+    q, tau = (np.repeat(rows, 50, axis=0) for rows in (poses.q, poses.effort))
+    rest = np.zeros_like(q)
+    return Recording(np.arange(len(q)) * 0.02, q, rest, rest, tau)
 
 
 @cache
@@ -281,6 +295,10 @@ def stated():
         'FlexibleLink': {'up': (0, 0, 1), 'modes': (1, 0), 'stiffness': 80.0},
         'FrictionError': {'coulomb': 0.1},
         'identification.identify_payload': {'recording': loaded_recording()},
+        'identification.calibrate_poses': {'poses': held(model)},
+        'identification.HeldPoses': {'q': held(model).q, 'effort': held(model).effort,
+                                     'approach': np.zeros((12, 2))},
+        'identification.held_poses': {'recording': held_recording(model)},
         'identification.Efforts': {},
         'identification.PayloadEstimator': {'sigma': (0.1, 0.2)},
         'identification.Recording': {name: getattr(data, name)

@@ -83,9 +83,11 @@ def held_poses(recording: Recording) -> HeldPoses:
     Raises
     ------
     InputError
-        The arm is held nowhere.
+        The arm is held nowhere, or the argument is no `Recording`.
 
     """
+    if not isinstance(recording, Recording):
+        raise InputError(f'recording: {recording!r}; expected a Recording')
     q = []
     effort = []
     approach = []

@@ -304,7 +304,7 @@ def test_rigid_body_torque_of_a_recording_is_the_references(name):
 @pytest.mark.parametrize('name', REAL)
 def test_identified_arm_beats_the_reference_of_a_real_recording_on_the_mean(name):
     _, _, model, recording = recorded(name)
-    # One law for the arm and one weight are chosen by the mean over joints. A joint whose
+    # One law for the arm and one weight are chosen by the mean. A joint of which the
     # friction falls with the speed is left out: least squares gives it negative damping.
     ratios = identify(model, recording).held_out / np.array(REAL[name][1])
     passive = np.delete(ratios, BOUNDED[name])

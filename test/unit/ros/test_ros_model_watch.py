@@ -99,7 +99,7 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert rig.monitor.figures()['model watch'] == 'no change'
     assert [status.level for status in rig.published[0].status] == [
         DiagnosticStatus.OK] * 2
-    rig.observe(Robot(arm(3.0)))
+    rig.observe(Robot(arm(12.0)))
     elbow = rig.robot.joint_names[1]
     assert rig.monitor.alarm.startswith(f"joint '{elbow}': friction up, +")
     assert rig.monitor.alarm in rig.monitor.figures()['model watch']
@@ -108,7 +108,7 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert (status.name, status.level) == (elbow, DiagnosticStatus.WARN)
     values = {pair.key: pair.value for pair in status.values}
     assert values['cause'] == 'friction'
-    assert float(values['size']) == pytest.approx(2.0,
+    assert float(values['size']) == pytest.approx(11.0,
                                                   abs=3.0 * float(values['deviation']))
     # An arm that is sound again is so after a window.
     rig.observe(rig.robot, 2, 20.0)
