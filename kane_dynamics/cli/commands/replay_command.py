@@ -22,7 +22,11 @@ import numpy as np
 
 
 def replay(options: Namespace) -> int:
-    """Compare measured torques with computed ones; return 1 if the arm has changed."""
+    """
+    Compare measured torques with computed ones.
+
+    Return 1 if the arm has changed since a reference, 2 if no joint could be judged.
+    """
     plot = pictures.plotter(options)  # errors early
     model, robot = load_robot(options)
     efforts = stated_efforts(options)
@@ -47,7 +51,9 @@ def replay(options: Namespace) -> int:
         print_json(data)
     else:
         _print_comparison(data)
-    return 1 if data.get('alarms') else 0
+    if data.get('alarms'):
+        return 1
+    return 2 if data.get('not_judged') == list(model.joint_names) else 0
 
 
 def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str, Any]:
