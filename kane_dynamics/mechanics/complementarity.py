@@ -16,7 +16,8 @@ to rounding, with the disc itself and not with a polygon.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
@@ -63,24 +64,40 @@ def lcp(A: Array, b: Array, lower: Array, upper: Array) -> Array:
     """
     k = len(b)
     at_bound = np.zeros(k, dtype=int)  # -1 at lower, 1 at upper, 0 between
-    rounding = ROUNDING * np.abs(b).max(initial=0.0)
-    x = np.zeros(k)
     for trial in range(MOST_SETS):
-        x = np.where(at_bound < 0, lower, np.where(at_bound > 0, upper, 0.0))
-        free = at_bound == 0
-        x[free] = held(A[np.ix_(free, free)], b[free] + A[free][:, ~free] @ x[~free])
-        w = A @ x + b
-        below = free & (x < lower)
-        above = free & (x > upper)
-        leaves = ((at_bound < 0) & (w < -rounding)) | ((at_bound > 0) & (w > rounding))
-        wrong = below | above | leaves
+        x, changed = _exchanged(A, b, lower, upper, at_bound)
+        wrong = changed != at_bound
         if not wrong.any():
             return x
         if trial >= BLOCKS:
             wrong &= np.arange(k) == np.argmax(wrong)
-        at_bound = np.where(wrong, np.where(below, -1, np.where(above, 1, 0)), at_bound)
+        at_bound = np.where(wrong, changed, at_bound)
+
+    # Of no P-matrix, as where friction jams a contact that slides: all sets.
+    if 3**k <= MOST_SETS:
+        for combination in product((-1, 0, 1), repeat=k):
+            at_bound = np.array(combination)
+            x, changed = _exchanged(A, b, lower, upper, at_bound)
+            if np.isfinite(x).all() and np.array_equal(changed, at_bound):
+                return x
     raise ConstraintError(f'contacts and stops: the forces of {k} rows are not determined '
-                          'to rounding; expected rows that do not contradict each other')
+                          'to rounding; expected rows that do not contradict each other, '
+                          'and less friction of contacts')
+
+
+def _exchanged(A: Array, b: Array, lower: Array, upper: Array, at_bound: Any
+               ) -> tuple[Array, Any]:
+    """Return x with the rows at their bounds, and `at_bound` with all wrong rows changed."""
+    x = np.where(at_bound < 0, lower, np.where(at_bound > 0, upper, 0.0))
+    free = at_bound == 0
+    if not np.isfinite(x).all():
+        return x, np.where(np.isfinite(x), at_bound, 0)
+    x[free] = held(A[np.ix_(free, free)], b[free] + A[free][:, ~free] @ x[~free])
+    w = A @ x + b
+    rounding = ROUNDING * np.abs(b).max(initial=0.0)
+    changed = np.where(free & (x < lower), -1, np.where(free & (x > upper), 1, at_bound))
+    leaves = ((at_bound < 0) & (w < -rounding)) | ((at_bound > 0) & (w > rounding))
+    return x, np.where(leaves, 0, changed)
 
 
 def held(A: Array, b: Array) -> Array:
@@ -137,12 +154,17 @@ def consistent(A: Array, b: Array) -> Array:
     """
     if not len(b):
         return b
-    left, sizes, _ = np.linalg.svd(A)
-    unchanged = left[:, sizes <= REGULAR * sizes[0]]
-    contradiction = unchanged @ (unchanged.T @ b)
+    directions = unchanged(A)
+    contradiction = directions @ (directions.T @ b)
     if np.abs(contradiction).max() > CONTRADICTION * np.abs(b).max():
         return b
     return np.asarray(b - contradiction)
+
+
+def unchanged(A: Array) -> Array:
+    """Return the directions, the columns of (k, r), in which A x is zero for every x."""
+    left, sizes, _ = np.linalg.svd(A)
+    return np.asarray(left[:, sizes <= REGULAR * sizes[0]])
 
 
 class _Projection:

@@ -76,3 +76,17 @@ def test_forces_of_contacts_stay_in_their_discs_and_oppose_the_slip(seed):
 def test_rows_that_contradict_each_other_are_refused():
     with pytest.raises(ConstraintError, match='are not determined to rounding'):
         lcp(np.array([[-1.0]]), np.array([-1.0]), np.zeros(1), np.full(1, np.inf))
+
+
+def test_a_joint_that_sticks_at_a_jammed_contact_begins_to_slide():
+    # Friction of a contact that slides makes A asymmetric, and its determinant negative.
+    A = np.array([[2.5013, 1.24932], [1.19305, 0.59588]])
+    b = np.array([-27.07, -3.483])
+    x = lcp(A, b, np.array([-0.5, 0.0]), np.array([0.5, np.inf]))
+    np.testing.assert_allclose(x, [0.5, (3.483 - 0.5 * 1.19305) / 0.59588], rtol=1e-9)
+
+
+def test_a_jammed_contact_without_a_solution_is_refused():
+    A = np.array([[2.5013, 1.24932], [1.19305, 0.59588]])
+    with pytest.raises(ConstraintError, match='less friction'):
+        lcp(A, np.array([-27.07, -14.0]), np.array([-np.inf, 0.0]), np.full(2, np.inf))
