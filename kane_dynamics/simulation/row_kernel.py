@@ -47,7 +47,7 @@ AT_STOP = 1e-11  # rad or m: past a stop, with constraints, after loops are clos
 STILL = 1e-9  # rad/s or m/s: rate of a joint of a tree that others hold, rounding
 SLIP = 1e-10  # m/s: against the direction of a slip that begins, rounding
 ROUNDING = 1e-12  # of forces, relative: a margin of the guards of held rows
-PER_JOINT, PER_CONTACT = 6, 6  # numbers of the modes of a row
+PER_JOINT, PER_CONTACT = 7, 9  # numbers of the modes of a row
 
 
 class RowMode(IntEnum):
@@ -149,29 +149,38 @@ class ModeInputs(NamedTuple):
     lower: Vector
     upper: Vector
     at_bound: Vector  # 1 of joints that others hold at the bound of their friction
+    joint_forces: Vector  # as redundant rows share them
     touching: Vector
     sticking: Vector
     bound: Vector
-    floors: Vector  # distances that are rounding of a contact which opens, at most 0
+    floors: Vector  # distances that contacts keep, or fall to while they are open
     begins: Matrix
+    contact_forces: Matrix  # (c, 3)
 
     @classmethod
     def of(cls, rows: RowSet, numbers: Vector) -> 'ModeInputs':
-        """Return the parts of an input, (5 k + 4 c,)."""
+        """Return the parts of an input, (7 k + 9 c,)."""
         joints, contacts = np.split(numbers, [PER_JOINT * len(rows.joints)])
         contacts = contacts.reshape(PER_CONTACT, -1)
-        fields = [*joints.reshape(PER_JOINT, -1), *contacts[:4], contacts[4:].T]
+        fields = [*joints.reshape(PER_JOINT, -1), *contacts[:4], contacts[4:6].T,
+                  contacts[6:].T]
         return cls._make(fields)
 
 
 class ModeChoice(NamedTuple):
-    """Modes of k joints and c contacts, and directions (c, 2) near those of their slip."""
+    """
+    Modes of k joints and c contacts, and directions (c, 2) near those of their slip.
+
+    `forces`, (k + 3 c,), are those of the complementarity problem: redundant rows share as
+    it does, since another share may be beyond a bound.
+    """
 
     joints: tuple[RowMode, ...]
     contacts: tuple[RowMode, ...]
     begins: Array
-    floors: Array  # (c,), distances where the modes begin
+    floors: Array  # (c,), rounding: distances that contacts keep, or fall to while open
     stops: Array  # (2, k), lower and upper; where a joint at its stop is, if others hold it
+    forces: Array
 
     def directions(self, rows: RowSet) -> Array:
         """Return the directions of friction of joints, (k,), as `friction_torque`."""
@@ -183,6 +192,7 @@ class ModeChoice(NamedTuple):
 
     def numbers(self, rows: RowSet) -> Array:
         """Return the input of the kernel."""
+        k = len(self.joints)
         sides = [{RowMode.LOWER: -1.0, RowMode.UPPER: 1.0}.get(mode, 0.0) for mode in self.joints]
         touching = [float(mode != RowMode.OFF) for mode in self.contacts]
         sticking = [float(mode == RowMode.STICKING) for mode in self.contacts]
@@ -190,9 +200,9 @@ class ModeChoice(NamedTuple):
         bound = [float(mode == RowMode.BOUND) for mode in self.contacts]
         return np.concatenate([
             [float(mode in HELD) for mode in self.joints], self.directions(rows), sides,
-            np.clip(self.stops, -FINITE, FINITE).ravel(), at_bound,
-            touching, sticking, bound, np.minimum(0.0, self.floors),
-            np.ravel(self.begins.T)])
+            np.clip(self.stops, -FINITE, FINITE).ravel(), at_bound, self.forces[:k],
+            touching, sticking, bound, self.floors,
+            np.ravel(self.begins.T), np.ravel(self.forces[k:].reshape(-1, 3).T)])
 
 
 class Guards(NamedTuple):
@@ -358,9 +368,10 @@ def traced_rows(rows: RowSet, q: Vector, v: Vector,
         contacts = contact_rows(rows.robot.equations, rows.pairs, q, v)
     of_contacts = ContactModes([x > 0.5 for x in modes.touching],
                                [x > 0.5 for x in modes.sticking], modes.begins,
-                               rows.friction)
+                               rows.friction, modes.floors)
     joints = HeldJointRows(rows.joints, held, np.array(past))
-    return StageRows(joints, contacts, of_contacts, rows.feedback), contacts
+    forces = np.concatenate([modes.joint_forces, np.ravel(modes.contact_forces)])
+    return StageRows(joints, contacts, of_contacts, rows.feedback, forces), contacts
 
 
 def bounds_of_joints(rows: RowSet, q: Vector, tau: Vector, t: Scalar

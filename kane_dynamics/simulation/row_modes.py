@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.complementarity import Disc, held, with_discs
+from kane_dynamics.mechanics.complementarity import Disc, held, unchanged, with_discs
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
@@ -27,6 +27,7 @@ import numpy as np
 TOUCHING = 1e-9  # rad or m: distance of rows that touch
 AT_REST = 3e-10  # rad, or lengths, in the time of the mechanism, with constraints
 SLOW = 1e-9  # m/s: speed of a contact at rest
+SINGULAR = 1e-6  # singular value of normals that no redundant row refers to
 STILL = 1e-9  # acceleration of a row that others hold, relative to the largest one
 OPENS = 3e-8  # acceleration of a contact that opens, relative to the largest one
 LIFT = 1e-3  # response of a contact that slides, relative to that of one without friction
@@ -333,7 +334,8 @@ class RowModes:
         drops = coupled and bool(rows.drops.any())
         reached = any(row < k for row in breaks)
         for _ in range(TRIALS * k + 2):
-            modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
+            modes = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops,
+                               np.zeros(len(now.v)))
             directions = modes.directions(rows)
             if sliding is not None:
                 now, sliding = sliding, None
@@ -356,13 +358,43 @@ class RowModes:
         for j in range(k):
             if joints[j] in AT_BOUNDS and abs(a[j]) > still:
                 joints[j] = RowMode.FORWARD if SIGNS[joints[j]] > 0.0 else RowMode.BACKWARD
-        # A joint that others hold at its stop is there to rounding.
+        # A joint that others hold at its stop is there to rounding. One that leaves its stop
+        # may be there as long as its motion is below rounding.
         q = state[rows.places]
         free = np.array([mode not in HELD for mode in joints], dtype=bool)
-        stops = np.array([np.where(free & (sides < 0.0), np.minimum(stops[0], q), stops[0]),
-                          np.where(free & (sides > 0.0), np.maximum(stops[1], q), stops[1])])
-        choice = ModeChoice(tuple(joints), tuple(contacts), begins, now.distances, stops)
+        below = np.nextafter(np.minimum(stops[0], q), -np.inf)
+        above = np.nextafter(np.maximum(stops[1], q), np.inf)
+        stops = np.array([np.where(free & (sides < 0.0), below, stops[0]),
+                          np.where(free & (sides > 0.0), above, stops[1])])
+        floors = self._floors(now, joints, contacts)
+        # Joints alone share with the least sum of squares.
+        forces = f if touching else np.zeros(len(f))
+        choice = ModeChoice(tuple(joints), tuple(contacts), begins, floors, stops, forces)
         return choice, now, f
+
+    def _floors(self, now: Response, joints: Any, contacts: Any) -> Array:
+        """
+        Return the distances that contacts keep, or fall to while they are open, (c,).
+
+        Redundant rows cannot reduce distances that contradict each other: no motion does
+        it, and the forces of the attempt would grow without limit.
+        """
+        k = len(self.rows.joints)
+        floors = np.nextafter(np.minimum(0.0, now.distances), -np.inf)
+        touching = np.flatnonzero(contacts != RowMode.OFF)
+        if not len(touching):
+            return floors
+        normals = k + 3 * touching
+        held_rows = [j for j in range(k) if joints[j] in HELD]
+        for i in touching.tolist():
+            sticks = contacts[i] == RowMode.STICKING
+            held_rows += self._rows_of([i])[:3 if sticks else 1]
+        without_motion = unchanged(now.A[np.ix_(held_rows, held_rows)])
+        of_normals = without_motion[np.isin(held_rows, normals)].T
+        floors[touching] = np.linalg.lstsq(of_normals,
+                                           of_normals @ now.distances[touching],
+                                           rcond=SINGULAR)[0]
+        return floors
 
     def _settled(self, now: Response, sides: Array, resting: list[int],
                  touching: list[int], joints: Any, contacts: Any, begins: Array,

@@ -14,12 +14,13 @@ integrator; it is zero in an exact motion, and so changes no order.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.contacts import ContactRows
 from kane_dynamics.mechanics.integrators.held_joints import LinearSystem, REGULAR, Solution
 import numpy as np
 
+IMMOBILE = 1e-24  # response of a row to its force, relative to those of all rows
 BEGUN = 1e-9  # m/s: slip in the direction in which a contact begins to slide
 
 
@@ -39,22 +40,29 @@ class ContactModes(NamedTuple):
     """
     Conditions of c contacts, and directions (c, 2) near those of their slip.
 
-    A contact that slides turns from such a direction by less than a right angle.
+    A contact that slides turns from such a direction by less than a right angle. `floors`,
+    (c,), are distances that contacts keep.
     """
 
     touching: list[Scalar]
     sticking: list[Scalar]
     begins: Matrix
     friction: Vector
+    floors: Vector
 
 
 class StageRows(NamedTuple):
-    """All rows of a robot in one stage of a step."""
+    """
+    All rows of a robot in one stage of a step.
+
+    Redundant rows share as in `forces`, (k + 3 c,), those of joints and then of contacts.
+    """
 
     joints: HeldJointRows
     contacts: ContactRows | None
     modes: ContactModes
     feedback: float  # 1/s
+    forces: Vector
 
 
 def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: StageRows) -> Solution:
@@ -68,8 +76,10 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: StageRows
     n_j = len(system.v)
     T = np.eye(n_j) if system.T is None else system.T
     J, D, offsets, conditions = _contact_part(rows, system)
+    near = rows.forces
     masked = {}
     if system.T is None:
+        near = near[len(joints):]
         # Joints of a tree are held exactly: their rows and columns take no part.
         masked = dict(zip(joints, held))
     else:
@@ -92,7 +102,11 @@ def row_solution(system: LinearSystem, M: Matrix, force: Vector, rows: StageRows
             columns.append(solve(factors, system.order, np.array(of_unit)))
         w_of_unit = np.stack(columns, axis=1)
     free = J @ (T @ w_free + system.drift) + offsets
-    f = -forces_of_held(J @ (T @ w_of_unit), conditions, free)
+    # The forces nearest to the given ones: they differ only where rows are redundant.
+    response = J @ (T @ w_of_unit)
+    near = np.array([select(condition, x, 0.0) for condition, x in zip(conditions, near)])
+    conditions = _movable(conditions, response, D @ T, M)
+    f = near - forces_of_held(response, conditions, free + response @ near)
     w = w_free + w_of_unit @ f
     generalized = (D @ T).T @ f
     if not masked:
@@ -119,7 +133,8 @@ def _contact_part(rows: StageRows, system: LinearSystem
     conditions: list[Scalar] = []
     for i, (touching, sticking) in enumerate(zip(rows.modes.touching, rows.modes.sticking)):
         normal = 3 * i
-        offsets[normal] = offsets[normal] + rows.feedback**2 * contacts.distances[i]
+        error = contacts.distances[i] - rows.modes.floors[i]
+        offsets[normal] = offsets[normal] + rows.feedback**2 * error
         # The direction of slip, also where the contact only begins to slide. Past the end
         # of the slip friction goes on smoothly: the guard of the slip ends the step there.
         begins = rows.modes.begins[i]
@@ -129,6 +144,25 @@ def _contact_part(rows: StageRows, system: LinearSystem
         D[normal] = D[normal] - friction * (along @ contacts.J[normal + 1:normal + 3])
         conditions += [touching, sticking, sticking]
     return contacts.J, np.array(D), np.array(offsets), conditions
+
+
+def _movable(conditions: list[Scalar], response: Matrix, rows: Matrix, M: Matrix
+             ) -> list[Scalar]:
+    """
+    Return the conditions of rows that are held and that a motion could change.
+
+    A row that only rounding moves, such as one across a plane mechanism, or of a point whose
+    joints are all held, gets no force from its motion.
+    """
+    size: Scalar = 0.0  # of the responses without held joints
+    for row in rows:
+        for j, x in enumerate(row):
+            size = size + x * x / M[j, j]
+    movable = []
+    for i, condition in enumerate(conditions):
+        moves = select(magnitude(response[i, i]) > IMMOBILE * size, 1.0, 0.0)
+        movable.append(select(condition, moves, 0.0) > 0.5)
+    return movable
 
 
 def direction(slip: Vector) -> Vector:

@@ -1,5 +1,7 @@
 """Contacts of named points: closed forms, balances of forces and momentum, and rest."""
 
+from dataclasses import replace
+
 from kane_dynamics import (ConstraintError, Contact, ContactMode, CylinderSurface,
                            Inertial, InputError, ModelBuilder, PlaneSurface, point_mass,
                            Robot, rod, simulate, SphereSurface, Trajectory)
@@ -203,6 +205,87 @@ def test_joints_stop_and_stick_while_a_tool_slides_and_sticks():
     assert run.sticking[-1].all() and run.contact_modes[-1, 0] == STICKING
     np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-12)
     assert (np.diff(run.energy.sum(axis=1)) < 1e-9).all() and not run.warnings
+
+
+def lands_between_stops(limits, contact, **joint):
+    """Return an arm of two links with stops, and its motion, 1.5 s long."""
+    b = ModelBuilder('arm', gravity=(0, 0, -G))
+    joint['axis'] = (0, 1, 0)
+    b.body('upper', inertial=rod(2.0, (0, 0, 0), (0.5, 0, 0)), **joint)
+    b.body('fore', 'upper', at=(0.5, 0, 0), inertial=rod(1.0, (0, 0, 0), (0.4, 0, 0)),
+           **joint)
+    b.frame('tip', 'fore', at=(0.4, 0, 0))
+    robot = Robot(b.model())
+    robot.limits = replace(robot.limits, lower=-np.array(limits), upper=np.array(limits))
+    run = simulate(robot, [-0.5, 0.2], [1.0, -2.0], 1.5, sample=0.01, stops=True,
+                   sticking=True, contacts=[contact])
+    return robot, run
+
+
+@pytest.mark.parametrize('restitution', [0.0, 0.3])
+def test_a_stop_friction_and_a_contact_share_what_fewer_of_them_could_hold(restitution):
+    floor = Contact('tip', PlaneSurface((0, 0, -0.55)), friction=0.3,
+                    restitution=restitution)
+    robot, run = lands_between_stops([0.9, 0.7], floor, friction=0.5, damping=0.1)
+    assert run.sticking[-1].all() and run.contact_modes[-1, 0] == STICKING
+    assert run.q[-1, 0] == 0.9 and run.stop_forces[-1, 0] < -1.0
+    np.testing.assert_array_equal(run.u[-1], 0.0)
+    # No bound is exceeded, and the forces are in balance.
+    along, normal = run.contact_forces[-1, 0, [0, 2]]
+    assert abs(along) <= 0.3 * normal
+    forces = robot.jacobian('tip', run.q[-1])[:3].T @ run.contact_forces[-1, 0]
+    friction = forces + run.stop_forces[-1] - robot.gravity_force(run.q[-1])
+    assert (np.abs(friction) <= 0.5 + 1e-9).all()
+    assert (np.diff(run.energy.sum(axis=1)) < 1e-8).all() and not run.warnings
+
+
+def test_a_contact_slides_while_friction_holds_the_joint_that_would_lift_it():
+    floor = Contact('tip', PlaneSurface((0, 0, -0.55)), friction=0.3, restitution=0.3)
+    _, run = lands_between_stops([np.inf, np.inf], floor, friction=0.5)
+    assert run.contact_events and not run.warnings
+    assert (np.diff(run.energy.sum(axis=1)) < 1e-8).all()
+    along, normal = run.contact_forces[:, 0, [0, 2]].T
+    assert (normal >= 0.0).all() and (np.abs(along) <= 0.3 * normal + 1e-9).all()
+
+
+@pytest.mark.parametrize('seed', [0, 9, 19, 40, 87, 93])
+def test_random_arms_land_on_a_floor_between_their_stops(seed):
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 4))
+    friction = float(random.choice([0.0, 0.5, 2.0]))
+    b = ModelBuilder('arm', gravity=(0, 0, -G))
+    on, at = 'world', (0, 0, 0)
+    for i in range(n):
+        length = random.uniform(0.2, 0.6)
+        axis = np.eye(3)[[1, 1, 0][random.integers(3)]] if n > 2 else (0, 1, 0)
+        joint = {'friction': friction * random.uniform(0.2, 1.0)} if friction else {}
+        b.body(f'link{i}', on, axis=axis, at=at,
+               inertial=rod(random.uniform(0.5, 2.0), (0, 0, 0), (length, 0, 0.02)),
+               damping=random.choice([0.0, 0.1]), **joint)
+        on, at = f'link{i}', (length, 0, 0)
+    b.frame('tip', on, at=at)
+    b.frame('elbow', on)
+    robot = Robot(b.model())
+    height = -random.uniform(0.2, 0.6)
+    mu = float(random.choice([0.0, 0.2, 0.4]))
+    restitution = float(random.choice([0.0, 0.5]))
+    lower = -random.uniform(0.3, 1.5, n)
+    upper = random.uniform(0.3, 1.5, n)
+    robot.limits = replace(robot.limits, lower=lower, upper=upper)
+    floor = PlaneSurface((0, 0, height))
+    contacts = [Contact('tip', floor, friction=mu, restitution=restitution)]
+    if random.random() < 0.4:
+        contacts.append(Contact('elbow', floor, friction=mu))
+    run = simulate(robot, np.zeros(n), 2.0 * random.normal(size=n), 1.5, sample=0.01,
+                   stops=True, sticking=True, contacts=contacts)
+    assert (np.diff(run.energy.sum(axis=1)) < 1e-6).all() and not run.warnings
+    assert (run.q >= lower).all() and (run.q <= upper).all()
+    assert (run.stop_forces * np.sign(run.q - 0.5 * (lower + upper)) <= 1e-9).all()
+    for k, contact in enumerate(contacts):
+        assert (robot.frame_pose(contact.frame, run.q)[:, 2, 3] > height - 1e-8).all()
+        along = np.linalg.norm(run.contact_forces[:, k, :2], axis=1)
+        normal = run.contact_forces[:, k, 2]
+        assert (normal >= 0.0).all() and (along <= mu * normal + 1e-6).all()
 
 
 def test_a_load_that_friction_holds_between_finger_and_wall_does_not_creep_in_an_hour():
