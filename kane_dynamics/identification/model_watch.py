@@ -154,6 +154,11 @@ class WatchReport:
     alarms: tuple[ModelChange, ...]
     judged: Flags
 
+    @property
+    def larger(self) -> Flags:
+        """Return for each joint that moves whether its residual has grown several times."""
+        return self.judged & (self.residual > UNEXPLAINED * self.reference)
+
 
 class CauseSizes(NamedTuple):
     """Sizes of a cause, (k,), and those of fits without each block of rows, (blocks, k)."""
@@ -290,6 +295,11 @@ class ModelWatch:
         if smallest is None:
             shares = [alarm.share for other in others for alarm in self.report(other).alarms]
             self._smallest = BEYOND * max(shares, default=0.0) if others else SMALLEST
+
+    @property
+    def smallest(self) -> float:
+        """Return the smallest torque of an alarm, as a share of the torque of its joints."""
+        return self._smallest
 
     @on_one_processor
     def report(self, recording: Recording) -> WatchReport:

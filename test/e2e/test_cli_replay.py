@@ -180,7 +180,7 @@ def test_what_has_changed_since_a_reference_is_named(tmp_path, recording):
     again = simulated(load_urdf(URDF), 3, 0.01, duration=5.0)
     offset = written(tmp_path / 'today.npz', again, tau=again.tau + [0.0, 0.5])
     done = command('replay', str(URDF), offset, '--reference', sound, '--json',
-                   '--smallest', '0.01')
+                   '--smallest', '0.1')
     data = json.loads(done.stdout)
     assert done.returncode == 1
     assert [(alarm['joint'], alarm['cause']) for alarm in data['alarms']] == [
@@ -189,6 +189,17 @@ def test_what_has_changed_since_a_reference_is_named(tmp_path, recording):
     done = command('replay', str(URDF), sound, '--reference', sound)
     assert done.returncode == 0
     assert 'as it describes the reference' in done.stdout
+
+
+def test_a_change_that_is_no_alarm_is_not_called_sound(tmp_path, recording):
+    sound = written(tmp_path / 'sound.npz', recording)
+    heavier = simulated(load_urdf(URDF), 3, 0.01, duration=5.0)
+    changed = written(tmp_path / 'today.npz', heavier, tau=heavier.tau + [0.0, 0.1])
+    done = command('replay', str(URDF), changed, '--reference', sound,
+                   '--smallest', '0.9')
+    assert done.returncode == 0
+    assert 'larger difference than in the reference: joint2' in done.stdout
+    assert '0.9 of the torque' in done.stdout and 'as it describes' not in done.stdout
 
 
 def test_what_cannot_be_compared_with_a_reference_is_refused(tmp_path, recording):

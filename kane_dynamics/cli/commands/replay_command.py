@@ -75,6 +75,8 @@ def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str
     alarms = [{**alarm._asdict(), 'words': str(alarm)} for alarm in report.alarms]
     return {'reference_rms': report.reference, 'alarms': alarms,
             'not_judged': np.array(model.joint_names)[~report.judged].tolist(),
+            'smallest': watch.smallest,
+            'larger': np.array(model.joint_names)[report.larger].tolist(),
             'false_alarms': options.false_alarms}
 
 
@@ -138,11 +140,21 @@ def _print_changes(data: dict[str, Any]) -> None:
     if len(at_rest) == len(data['joint_names']):
         print('cannot judge: the arm rests, or hardly moves; expected a motion')
     elif not data['alarms']:
-        print('the model describes the joints in motion as it describes the reference')
+        _print_without_alarm(data)
     if at_rest:
         print(f'cannot judge, at rest: {", ".join(at_rest)}')
     rate = 100.0 * data['false_alarms']
     print(f'at most {rate:g} % of sound recordings have an alarm by noise')
+
+
+def _print_without_alarm(data: dict[str, Any]) -> None:
+    """Print that joints in motion are as in the reference, or what is below an alarm."""
+    if not data['larger']:
+        print('the model describes the joints in motion as it describes the reference')
+        return
+    print(f'no alarm, but a larger difference than in the reference: '
+          f'{", ".join(data["larger"])}; a change is an alarm from '
+          f'{data["smallest"]:.2g} of the torque of its joint on (--smallest)')
 
 
 def _delay_in_words(data: dict[str, Any]) -> str:
