@@ -363,10 +363,22 @@ class _Path:
         after, impact = self._rows.impact(state, tau, t, breaks)
         if impact is not None:
             self._steps.hit(self._i, step, t, impact, self._rows, state)
-            self._steps.record(self._i, step, impact.loss, 0.0)
+            lost = self._kinetic_energy(state, t) - self._kinetic_energy(after, t)
+            self._steps.record(self._i, step, lost, 0.0)
             breaks = [row for row in breaks if row not in impact.locked]
         modes, now, _ = self._rows.choose(after, tau, t, breaks)
         return self._rows.at_rest(after, modes, now), modes
+
+    def _kinetic_energy(self, state: Array, t: float) -> float:
+        """
+        Return the kinetic energy, J.
+
+        Its change is the loss of an impact, and the work that the impact does on
+        prescribed motions.
+        """
+        robot = self._source.robot
+        q, u = state[:robot.n_q], state[robot.n_q:robot.n_q + robot.n]
+        return float(robot.kinetic_energy(q, u, t=t))
 
     def through(self, state: Array, step: int, modes: ModeChoice) -> tuple[Array, ModeChoice]:
         """Return the state after a step with transitions, and the modes there."""

@@ -5,7 +5,8 @@ from functools import cache
 import warnings
 
 from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError,
-                           load_urdf, Motion, Prescribed, Robot, simulate, Trajectory)
+                           load_urdf, ModelBuilder, Motion, point_mass, Prescribed,
+                           Robot, simulate, Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.simulation.stepper import RowSteps
@@ -184,6 +185,23 @@ def test_each_of_many_simulations_hits_as_alone_and_files_keep_the_impacts(tmp_p
     many.save_npz(tmp_path / 'many.npz')
     assert Trajectory.load_npz(tmp_path / 'many.npz').stop_events == many.stop_events
     assert 'hits its' in str(many.stop_events[0])
+
+
+def test_an_impact_on_a_prescribed_motion_does_work_on_it():
+    b = ModelBuilder('carriage', gravity=(0, 0, 0))
+    b.body('base', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('load', 'base', 'prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+           friction=0.5)
+    # The base accelerates by 2 m/s^2, the load slides back by 1.5 m/s^2 to its stop.
+    robot = stopped(Robot(b.model(), constraints=[Prescribed('base', lambda t: t * t)]),
+                    load=(-0.2, 0.2))
+    run = simulate(robot, [0.0, 0.0], [0.0], 1.0, stops=True, sticking=True)
+    event, = run.stop_events
+    hit = np.sqrt(0.4 / 1.5)
+    np.testing.assert_allclose([event.t, event.speed, event.loss],
+                               [hit, 1.5 * hit, 0.5 * (1.5 * hit)**2], atol=1e-9)
+    np.testing.assert_allclose(run.stop_forces[-1], [0.0, 1.5], atol=1e-9)
+    assert not run.warnings
 
 
 def test_without_a_contact_stops_change_nothing():
