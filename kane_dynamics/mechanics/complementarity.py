@@ -154,14 +154,14 @@ def consistent(A: Array, b: Array) -> Array:
     """
     if not len(b):
         return b
-    directions = unchanged(A)
+    directions = still_directions(A)
     contradiction = directions @ (directions.T @ b)
     if np.abs(contradiction).max() > CONTRADICTION * np.abs(b).max():
         return b
     return np.asarray(b - contradiction)
 
 
-def unchanged(A: Array) -> Array:
+def still_directions(A: Array) -> Array:
     """Return the directions, the columns of (k, r), in which A x is zero for every x."""
     left, sizes, _ = np.linalg.svd(A)
     return np.asarray(left[:, sizes <= REGULAR * sizes[0]])

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.complementarity import Disc, held, unchanged, with_discs
+from kane_dynamics.mechanics.complementarity import Disc, held, still_directions, with_discs
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
@@ -389,7 +389,7 @@ class RowModes:
         for i in touching.tolist():
             sticks = contacts[i] == RowMode.STICKING
             held_rows += self._rows_of([i])[:3 if sticks else 1]
-        without_motion = unchanged(now.A[np.ix_(held_rows, held_rows)])
+        without_motion = still_directions(now.A[np.ix_(held_rows, held_rows)])
         of_normals = without_motion[np.isin(held_rows, normals)].T
         floors[touching] = np.linalg.lstsq(of_normals,
                                            of_normals @ now.distances[touching],

@@ -12,7 +12,7 @@ import pytest
 from std_msgs.msg import String
 
 POSE = [0.3, -0.4, 0.2]
-READY = 'and time-optimal timings ready'
+READY = 'kernels of answers and simulations ready'
 NOT_CONFIGURED = 'node: not configured; expected a configured node'
 
 

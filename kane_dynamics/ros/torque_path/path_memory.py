@@ -223,8 +223,9 @@ class CycleRules:
         if is_finite:
             state = self._state
             if np.isnan(state).any():  # kernels accept finite numbers only
-                state[:] = cycle_rules.with_speeds(self.memory.path, self.event, state,
-                                                   self.settings, self._turning)
+                with np.errstate(invalid='ignore', over='ignore'):  # the kernel judges these
+                    state[:] = cycle_rules.with_speeds(self.memory.path, self.event, state,
+                                                       self.settings, self._turning)
             try:
                 self._judge()
             except InputError:
