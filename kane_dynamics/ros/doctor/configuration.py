@@ -4,8 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kane_dynamics.analysis.known_arms import words
-from kane_dynamics.analysis.known_arms import EffortKind
+from kane_dynamics.analysis.known_arms import EffortKind, words
 from kane_dynamics.analysis.model_checks import Finding, listed
 from kane_dynamics.control.quasi_static import flexible_robot, QuasiStatic
 from kane_dynamics.control.terms import NO_TERM
