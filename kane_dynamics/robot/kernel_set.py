@@ -639,7 +639,7 @@ class KernelSet:
 def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
     """Return the function that computes several joints at once, or None."""
     names = LARGE_IN_LANES if equations.n > LARGE else IN_LANES
-    if name not in names or not equations.in_joint_rates:
+    if name not in names or not equations.in_joint_rates or equations.n == 0:
         return None
     if not equations.tree.has_simple_joints:
         return None

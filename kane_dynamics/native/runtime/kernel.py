@@ -289,7 +289,9 @@ class Kernel:
             # Lanes need many registers: in program order fewer values are spilled.
             code = self._function(kind, lambda: lane_text(self._program(), SYMBOL, width()),
                                   in_order=True)
-            self._lanes.run = batch_driver(width()).address('run_batch')
+            driver = batch_driver(width())
+            self._lanes.run = driver.address('run_batch')
+            self._lanes.driver = driver  # its code lives as long as its address
             self._lanes.most = PROBE_CALLS * width()
             self._lanes.kernel = code.address
         return self._functions[kind].address
