@@ -122,7 +122,7 @@ demo:
 # waiting: colcon-test alone tries them.
 REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
 BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compensates.py \
-  node_arm_coupling.py node_beside_moveit.py node_closed_loops.py node_constraints.py \
+  node_beside_moveit.py node_closed_loops.py node_constraints.py \
   node_contact.py node_doctor.py \
   node_false_states.py node_faults.py node_feedforward.py node_filled_closed_loops.py \
   node_flexible.py node_flexible_loops.py node_guard.py node_guard_payload.py \
