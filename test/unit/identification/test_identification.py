@@ -302,13 +302,15 @@ def test_rigid_body_torque_of_a_recording_is_the_references(name):
 
 
 @pytest.mark.parametrize('name', REAL)
-def test_identified_arm_beats_the_reference_of_a_real_recording_on_the_mean(name):
+def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
     _, _, model, recording = recorded(name)
-    # One law for the arm and one weight are chosen by the mean. A joint of which the
-    # friction falls with the speed is left out: least squares gives it negative damping.
-    ratios = identify(model, recording).held_out / np.array(REAL[name][1])
-    passive = np.delete(ratios, BOUNDED[name])
-    assert np.exp(np.log(passive).mean()) < {'mujoco': 0.95}.get(name, 0.8)
+    held_out = identify(model, recording).held_out
+    reference = np.array(REAL[name][1])
+    # Negative friction; and of the UR10 one law for the arm costs the fifth joint 6 %.
+    worse = {'mujoco': [3], 'ur10': [4]}.get(name, [])
+    assert np.flatnonzero(held_out >= reference).tolist() == worse
+    if name == 'ur10':
+        assert held_out[4] < 1.06 * reference[4]
 
 
 @cache
