@@ -38,6 +38,10 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
 import numpy as np
 
+# Least pivot of a mobility, over 6, relative to its diagonal entry: below it, directions
+# are nearly dependent, and their condition number decides.
+DEPENDENT = 1e-8
+
 
 class Equations:
     """
@@ -246,6 +250,17 @@ class Equations:
         # (J T)' = J' T + J T'
         J_rate = J_rate @ motion.T
         return J_rate + self.tree.partial_velocities(frame, q) @ motion.T_rate
+
+    def operational_space_inertia(self, frame: Frame, q: Vector, parameters: Vector,
+                                  t: Scalar = 0.0) -> Matrix:
+        """Return (J M^-1 J^T)^-1 in all six directions, (6, 6); NaN near singularity."""
+        J = self.partial_velocities(frame, q, t)
+        mobility = J @ self.inverse_mass_matrix(q, parameters, t) @ J.T
+        order = range(6)
+        try:
+            return inverse(factorize(mobility, order, order, DEPENDENT), order)
+        except ZeroDivisionError:  # a direction in which the frame never moves
+            return np.full((6, 6), np.nan)
 
     # Constraints: residuals, and the correction that keeps loops closed.
 

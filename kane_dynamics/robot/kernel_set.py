@@ -125,6 +125,7 @@ FRAME_QUANTITIES = {
 }
 OF_PARTS = {  # of a frame or joint
     **FRAME_QUANTITIES,
+    'operational_space_inertia': Quantity(('q',), (6, 6)),
     'joint_reaction': Quantity(MOTION, (6,), wrench=True),
 }
 # Quantities that are valid for open loops and any choice of independent speeds:
@@ -468,10 +469,10 @@ class KernelSet:
             methods = [self._method(name, part, equations) for part in at]
             return lambda *values, **time: np.stack(
                 [np.asarray(method(*values, **time)) for method in methods])
-        if name in FRAME_QUANTITIES:
-            return partial(getattr(equations, name), equations.model.frame(at))
         if name == 'joint_reaction':
             return partial(equations.joint_reaction, self._body(at))
+        if name in OF_PARTS:
+            return partial(getattr(equations, name), equations.model.frame(at))
         if not self._has(name):
             slopes: Callable[..., Any] = getattr(SlopesOfDynamics(equations), name)
             return slopes

@@ -19,7 +19,8 @@ PIVOT = 16.0 * float(np.finfo(float).eps)
 Factors = tuple[list[list[Scalar]], list[Scalar]]  # L by rows, and 1 / D
 
 
-def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = ()) -> Factors:
+def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = (),
+              least: float = PIVOT) -> Factors:
     """
     Return the LTDL factorization M = L^T D L.
 
@@ -32,6 +33,8 @@ def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = ()) -> 
     watched : container of int
         Rows whose pivot may be rounding: its reciprocal is NaN then, because M is
         singular.
+    least : float
+        Of a watched pivot that is no rounding, over n, relative to its diagonal entry.
 
     Returns
     -------
@@ -63,16 +66,18 @@ def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = ()) -> 
             raise ZeroDivisionError(order[i])
         reciprocal[i] = 1.0 / A[i][i]
         if order[i] in watched:
-            reciprocal[i] = regular(reciprocal[i], A[i][i], M[order[i], order[i]], n)
+            reciprocal[i] = regular(reciprocal[i], A[i][i], M[order[i], order[i]],
+                                    n * least)
         for j in range(i):
             if not is_zero(A[i][j]):
                 L[i][j] = A[i][j] * reciprocal[i]
     return L, reciprocal
 
 
-def regular(reciprocal: Scalar, pivot: Scalar, diagonal: Scalar, n: int) -> Scalar:
-    """Return the reciprocal of a pivot, NaN if it is rounding of the diagonal of M."""
-    return select(n * PIVOT * diagonal < pivot, reciprocal, np.nan)
+def regular(reciprocal: Scalar, pivot: Scalar, diagonal: Scalar,
+            least: float) -> Scalar:
+    """Return the reciprocal of a pivot, NaN below a share of M's diagonal entry."""
+    return select(least * diagonal < pivot, reciprocal, np.nan)
 
 
 def solve(factors: Factors, order: Sequence[int], b: Vector) -> Vector:

@@ -10,7 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Flags, Matrix, Scalar
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.algebra.ltdl import regular
+from kane_dynamics.mechanics.algebra.ltdl import PIVOT, regular
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
@@ -40,7 +40,7 @@ def factorize(M: Matrix, order: Sequence[int], lanes: Any = Lanes,
         pivot = lanes.lane(A[k][k // LANES], k % LANES)
         reciprocal[k] = 1.0 / pivot
         if order[k] in watched:
-            reciprocal[k] = regular(reciprocal[k], pivot, M[order[k], order[k]], n)
+            reciprocal[k] = regular(reciprocal[k], pivot, M[order[k], order[k]], n * PIVOT)
 
         # Row k of L, a block at a time.
         left = np.flatnonzero(nonzero[k, :k]).tolist()

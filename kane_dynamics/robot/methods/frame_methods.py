@@ -95,6 +95,7 @@ class FrameMethods(DynamicsMethods):
         """Return the time derivative of `jacobian` along the motion, (6, n)."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
 
+    @of_frame('operational_space_inertia')
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
                                   directions: Sequence[str] = DIRECTIONS,
                                   t: ArrayLike = 0.0) -> Array:

@@ -328,6 +328,27 @@ def test_operational_space_takes_batches():
                                    rtol=1e-9)
 
 
+@pytest.mark.parametrize('robot, frame, q', [
+    (arm(), 'tool0', arm().random_configuration(3) * [1, 1, 1, 1, share, 1])
+    for share in (1.0, 1e-2, 1e-4)] + [
+    (LOOP, 'middle', LOOP.closed_configuration((0.8, 0.0, -1.5)))])
+def test_operational_space_inertia_of_all_directions_is_that_of_all_by_name(
+        robot, frame, q):
+    # The wrist of the arm nears its singularity; the loop lacks directions.
+    def result(*directions):
+        try:
+            robot.operational_space_inertia(frame, q)
+            return robot.operational_space_inertia(frame, q, **dict(directions))
+        except InputError as error:
+            return str(error)
+    native, named = result(), result(('directions', ('x', 'y', 'z', 'rx', 'ry', 'rz')))
+    if isinstance(named, str):
+        assert native == named
+    else:
+        size = abs(named).max()
+        np.testing.assert_allclose(native / size, named / size, atol=1e-7)
+
+
 def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
     with pytest.raises(InputError, match='in only 1 of these 2 at this q'):
         LOOP.operational_space_inertia('middle',
@@ -336,6 +357,11 @@ def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
     with pytest.raises(InputError,
                        match="frame 'tool0' accelerates independently in only 5"):
         arm().operational_space_inertia('tool0', np.zeros(6))
+    robot = arm()
+    for seed in range(2):  # the second call is native
+        robot.operational_space_inertia('tool0', robot.random_configuration(seed))
+    with pytest.raises(InputError, match="'tool0' accelerates independently in only 5"):
+        robot.operational_space_inertia('tool0', np.zeros(6))
     with pytest.raises(InputError,
                        match=r"directions: \['yaw'\]; expected some of x, y, z"):
         arm().operational_space_inertia('tool0', np.zeros(6), directions=['yaw'])
