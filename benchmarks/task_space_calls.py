@@ -14,9 +14,9 @@ import timeit
 from typing import Any
 
 from gates import exit_status
-from kane_dynamics import (ArmCoupling, CartesianImpedance, HandGuiding, HybridForce,
+from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce,
                            JointImpedance, load_constraints, load_urdf, OperationalSpace,
-                           PartnerState, Robot)
+                           Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.runtime.kernel import Kernel
 import numpy as np
@@ -49,26 +49,20 @@ def calls_of(robot: Robot, frame: str,
     """Return the calls of a robot: a statement by what it calls, and its names."""
     u = np.full(robot.n, 0.1)
     followed = [robot.coordinate_names.index(name) for name in robot.speed_names]
-    partner = PartnerState(0.0, q[followed], u, u)
     names = {
-        'robot': robot, 'q': q, 'u': u, 'q_d': q[followed], 'partner': partner,
+        'robot': robot, 'q': q, 'u': u, 'q_d': q[followed],
         'pose': robot.frame_pose(frame, q),
         'wrench': np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]),
         'CartesianImpedance': CartesianImpedance(robot, frame, stiffness=STIFFNESS),
         'HybridForce': HybridForce(robot, frame,
                                    stiffness=STIFFNESS, force_directions=['z']),
         'OperationalSpace': OperationalSpace(robot, frame),
-        'HandGuiding': HandGuiding(robot, frame=frame),
-        'ArmCoupling': ArmCoupling(robot, stiffness=100.0, damping=5.0,
-                                   followed=robot.speed_names)}
+        'HandGuiding': HandGuiding(robot, frame=frame)}
     leading = {} if robot.equations.in_joint_rates else {'followed': robot.speed_names}
     names['stated'] = JointImpedance(robot, stiffness=100.0, damping=5.0, **leading)
     names['by_ratio'] = JointImpedance(robot, stiffness=100.0, **leading)
-    if robot.equations.in_joint_rates:  # all joints follow
-        names['ArmCoupling'] = ArmCoupling(robot, stiffness=100.0, damping=5.0)
     names['pose'][:3, 3] += 0.02
     names['measured'] = -0.8 * names['wrench']
-    names['ArmCoupling'].engage(q, partner)
     statements = {
         'mass_matrix': 'robot.mass_matrix(q)',
         'inverse_dynamics': 'robot.inverse_dynamics(q, u, u)',
@@ -78,8 +72,7 @@ def calls_of(robot: Robot, frame: str,
         'OperationalSpace': 'OperationalSpace.torque(q, u, pose)',
         'CartesianImpedance': 'CartesianImpedance.torque(q, u, pose)',
         'HybridForce': 'HybridForce.torque(q, u, pose, wrench=wrench, '
-        'measured=measured, elapsed=1e-3)',
-        'ArmCoupling': 'ArmCoupling.torque(0.0, q, u, partner)'}
+        'measured=measured, elapsed=1e-3)'}
     return {what: (statement, names) for what, statement in statements.items()}
 
 

@@ -57,7 +57,6 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import ContactMode, Trajectory
-    from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
     from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
     from kane_dynamics.task_space.hand_guiding import HandGuiding
     from kane_dynamics.task_space.hybrid_force import HybridForce
@@ -69,7 +68,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
-__all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
+__all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
            'Contact', 'ContactMode',
            'Controller', 'controller_kernels', 'Coupling', 'CylinderSurface', 'DependentSpeeds',
@@ -81,7 +80,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'Linearization', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'MotorSideControl', 'MotorTracking',
-           'OperationalSpace', 'PartnerState', 'PlaneSurface', 'PointVelocity',
+           'OperationalSpace', 'PlaneSurface', 'PointVelocity',
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',

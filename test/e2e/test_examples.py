@@ -65,16 +65,6 @@ def test_drawing():
     assert paper.endswith('True')
 
 
-def test_leader_and_follower():
-    contact, apart = printed('leader_and_follower')
-    pressed, felt = numbers(contact)
-    assert pressed > 20.0
-    assert felt == pytest.approx(pressed, abs=0.1)
-    stretched, left = numbers(apart)
-    assert stretched == pytest.approx(0.2 * felt / 300.0 * 1e3, abs=1.0)
-    assert left < 0.5
-
-
 def test_push_and_release():
     deflection, released, energy, mass = printed('push_and_release')
     _, pushed, expected = numbers(deflection)

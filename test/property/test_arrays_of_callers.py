@@ -6,10 +6,10 @@ results, are overwritten before the next call. Each `yield` ends a call.
 """
 
 from degenerate_input import arm, pose, Q, TAU, U, UDOT
-from kane_dynamics import (ArmCoupling, CartesianImpedance, ComputedTorque, Controller,
+from kane_dynamics import (CartesianImpedance, ComputedTorque, Controller,
                            FrictionError, HandGuiding, HybridForce, JointImpedance,
                            MomentumObserver, Motion,
-                           OperationalSpace, PartnerState, PoseFilter,
+                           OperationalSpace, PoseFilter,
                            Robot, simulate)
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.optimal_control import PredictiveController, TrajectoryOptimizer
@@ -124,17 +124,6 @@ def hand_guiding(give):
     yield law.torque(give(Q + 0.1), give(U))
 
 
-def coupling(give):
-    """Couple two arms."""
-    law = ArmCoupling(arm(), stiffness=give([10.0, 20.0]), damping=give([1.0, 2.0]),
-                      scale=give([0.5, -1.0]))
-    yield
-    yield law.engage(give(Q), PartnerState(0.0, give(Q), give(U), give(TAU)))
-    for k in range(1, CYCLES):
-        partner = PartnerState(k * STEP, give(Q + 0.1 * k), give(U), give(TAU))
-        yield law.torque(k * STEP, give(Q), give(U), partner)
-
-
 def pose_filter(give):
     """Filter poses."""
     law = PoseFilter(linear_speed=1.0, angular_speed=1.0, linear_acceleration=2.0,
@@ -182,7 +171,7 @@ def simulation(give):
 
 
 SCENARIOS = (observer, controller, joint_impedance, impedance_of_frame,
-             operational_space, hybrid_force, hand_guiding, coupling, pose_filter,
+             operational_space, hybrid_force, hand_guiding, pose_filter,
              predictive_control, payload, simulation)
 
 

@@ -4,9 +4,9 @@ from functools import cache
 from types import SimpleNamespace
 
 from degenerate_input import beam
-from kane_dynamics import (ArmCoupling, CartesianImpedance, Controller, DependentSpeeds,
+from kane_dynamics import (CartesianImpedance, Controller, DependentSpeeds,
                            Drive, ElasticFeedforward, FrictionError, HybridForce,
-                           InputError, load_urdf, LoopTracker, Motion, PartnerState,
+                           InputError, load_urdf, LoopTracker, Motion,
                            PointVelocity, PosePath, Prescribed, QuasiStatic, Robot,
                            SmoothMotion, stiffened, TaskSpace, with_drives)
 from kane_dynamics._util.resources import resource_path
@@ -110,24 +110,6 @@ def test_friction_without_its_motion_adapts_like_one_that_begins():
         error.adapt(0.01, np.array([0.9]), np.array([0.4]), np.array([-2.0]))
     np.testing.assert_array_equal(moved.coulomb, fresh.coulomb)
     np.testing.assert_array_equal(moved.damping, fresh.damping)
-
-
-def test_a_coupled_arm_that_begins_again_is_alone_where_it_is():
-    robot = arm()
-    coupling = ArmCoupling(robot, stiffness=50.0, damping=5.0, timeout=0.1)
-    partner = PartnerState(1.0, Q, 0.0 * U, 0.0 * U)
-    assert coupling.is_usable(1.05, partner) and not coupling.is_usable(1.2, partner)
-    coupling.torque(1.0, Q, 0.0 * U)
-    coupling.engage(Q, partner)
-    assert coupling.engaged
-    coupling.restart()
-    assert not coupling.engaged and coupling.lost == 'this arm: began again'
-    coupling.engage(Q, partner)
-    coupling.disengage('by hand')
-    assert not coupling.engaged and coupling.lost == 'by hand'
-    elsewhere = Q + 0.3
-    np.testing.assert_allclose(coupling.torque(1.01, elsewhere, 0.0 * U),
-                               robot.gravity_force(elsewhere), atol=1e-9)
 
 
 def test_the_speeds_of_an_excitation_are_the_derivatives_of_its_positions():
