@@ -128,7 +128,7 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
   node_flexible.py node_flexible_loops.py node_guard.py node_guard_payload.py \
   node_in_a_system.py node_independent.py node_joint_trajectory_action.py node_lifecycle.py \
   node_loads.py node_loads_at_start.py \
-  node_model_watch.py node_native_path.py node_plant.py node_predictive_control.py \
+  node_monitor.py node_native_path.py node_plant.py node_predictive_control.py \
   node_redundant_actuators.py node_second_guard.py node_sim_time.py node_task_modes.py \
   node_two_arms.py)
 LONG_COMMANDS = $(addprefix test/e2e/test_cli_,beams.py constraints.py feasible.py identify.py \

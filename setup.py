@@ -82,6 +82,7 @@ setup(
         'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',
         'torque_guard = kane_dynamics.ros.guard.main:main',
         'plant_node = kane_dynamics.ros.plant.main:main',
+        'monitor_node = kane_dynamics.ros.monitor_node.main:main',
         'kane-dynamics = kane_dynamics.cli:main',
     ]},
     zip_safe=False,

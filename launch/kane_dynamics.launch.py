@@ -50,6 +50,8 @@ ARGUMENTS = {
         'start the lifecycle manager of Nav2, which activates the node, with a bond'),
     'guard': (
         'true', 'start torque_guard, which holds the arm when the node dies or hangs'),
+    'monitor': (
+        'false', 'start monitor_node with config: payload estimate, watch over the model'),
     'plant': ('', 'parameter file of a simulated robot to start, given like config'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }
@@ -128,6 +130,11 @@ def nodes(context):
             output='screen',
             remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
             on_exit=end_if_invalid))
+    if truth('monitor', value['monitor']):
+        started.append(Node(
+            package=PACKAGE, executable='monitor_node', name='monitor_node',
+            namespace=value['namespace'], output='screen', remappings=remappings,
+            parameters=[*config, *chosen, *clock, {'node': PACKAGE}]))
     if managed:
         started.append(Node(
             package='nav2_lifecycle_manager', executable='lifecycle_manager',

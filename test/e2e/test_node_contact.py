@@ -4,7 +4,6 @@ import time
 
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics import Robot
-from kane_dynamics_interfaces.msg import PayloadEstimate
 from kane_dynamics_interfaces.srv import Explain
 from node_process import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
 import numpy as np
@@ -28,10 +27,7 @@ def module_node():
     process = Process(robot_description=f"'{URDF}'", state_timeout=1.0,
                       wrench__timeout=0.5,
                       wrench__frames='[c,b]', observer__enabled=True,
-                      observer__threshold=THRESHOLD, observer__rate=1000.0,
-                      payload__frame='c',
-                      estimator__enabled=True, estimator__rate=10.0,
-                      estimator__memory=0.3)  # so that no test feels another's
+                      observer__threshold=THRESHOLD, observer__rate=1000.0)
     yield process
     assert process.end()[0] == 0, process.log
 
@@ -43,15 +39,13 @@ class Ear:
         self.flags = []
         self.efforts = []
         self.pushes = []
-        self.payloads = []
         self.client = client
         self.open = [
             client.create_subscription(kind, f'{NAME}/{topic}', received_by.append, qos)
             for kind, topic, received_by, qos in (
                 (Bool, 'collision', self.flags, LATCHED),
                 (JointState, 'external_torques', self.efforts, DEEP),
-                (WrenchStamped, 'external_wrench', self.pushes, DEEP),
-                (PayloadEstimate, 'payload_estimate', self.payloads, DEEP))]
+                (WrenchStamped, 'external_wrench', self.pushes, DEEP))]
 
     def close(self):
         for subscription in self.open:
@@ -198,22 +192,6 @@ def test_a_collision_stops_the_motion_and_refuses_others_until_it_ends(node, rob
         assert log.log.count('joint_trajectory rejected') == rejected
     finally:
         assert node.adjust(observer__action='report').successful
-
-
-def test_the_payload_is_estimated_with_its_deviation(node, robot):
-    ear = node.ear
-    weight = 9.81 * 1.5 * np.array([0.0, 0.0, -1.0])
-    rows = np.zeros((2, 6))
-    rows[0, :3] = weight  # a point mass at the frame's origin
-    effort = robot.gravity_force(Q) - robot.external_force(Q, wrench=rows)
-    assert hold(node, effort, lambda: len(ear.payloads) > 3, seconds=10.0)
-    published = ear.payloads[-1]
-    assert published.header.frame_id == 'c'
-    # At rest, offsets that the sensors may have cannot be told from a payload: the
-    # deviation says so. Of sensors stated to be exact, test_payload_deviations asks for
-    # 0.05 kg.
-    assert published.mass_deviation > 0.0
-    assert abs(published.mass - 1.5) < 3.0 * published.mass_deviation
 
 
 def test_explain_answers_in_the_order_of_the_request(node, robot):

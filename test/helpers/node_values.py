@@ -4,6 +4,8 @@ import math
 
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
+from kane_dynamics.ros.monitor_node.monitor_parameters import (
+    ALL as MONITOR_SPECS)
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, CONSTANTS, SPECS
 from kane_dynamics.ros.services.served_robot import ServedRobot
@@ -23,6 +25,15 @@ def node_values(changes=None):
         values[name] = value if name in CONSTANTS else read(BY_NAME[name], value)
         if isinstance(CONSTANTS.get(name), np.ndarray):
             values[name] = np.array(value, np.float64)
+    return values
+
+
+def monitor_values(changes):
+    """Return all parameters of a monitor, with changes by name."""
+    values = node_values()
+    for spec in MONITOR_SPECS:
+        if spec.name != 'arm_compensates':
+            values[spec.name] = read(spec, changes.get(spec.name, spec.default))
     return values
 
 

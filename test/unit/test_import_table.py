@@ -78,7 +78,7 @@ PARTS = {
         services
         monitors
         guard
-        plant
+        plant monitor_node
         dynamics_node doctor
         """,
 }

@@ -19,6 +19,8 @@ BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 THREAD_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 # As rclpy subscribes to /clock.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# States that arrive while a report of the monitor is made: two seconds at 1 kHz.
+RECORDED_STATES = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Late subscribers receive the latest message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # As tf2 subscribes to /tf and /tf_static: many nodes publish there.

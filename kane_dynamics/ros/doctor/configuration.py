@@ -36,8 +36,7 @@ PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics
 FILES = ('robot_description', 'urdf', 'supplement', 'constraints')
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
-DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
-                            'estimator.enabled': False, 'watch.reference': ''}
+DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False}
 
 
 class ParameterBlock(NamedTuple):

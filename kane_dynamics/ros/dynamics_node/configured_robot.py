@@ -33,7 +33,7 @@ from kane_dynamics.ros.common.rcl_functions import (destroy_subscription_of_thre
 from kane_dynamics.ros.common.stamped_numbers import with_stamp
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
-from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
+from kane_dynamics.ros.dynamics_node.guard_link import GuardLink, LoadsTopic
 from kane_dynamics.ros.dynamics_node.live_limits import check_live_limits
 from kane_dynamics.ros.guard.guard_messages import arm_digest, STATE
 from kane_dynamics.ros.inputs.target_input import POSE, TargetInput, TWIST, WRENCH
@@ -47,7 +47,6 @@ from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_
                                                          SceneRequest)
 from kane_dynamics.ros.monitors.drift_watch import DriftWatch
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
-from kane_dynamics.ros.monitors.model_watch_monitor import check_reference
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
@@ -190,8 +189,6 @@ class ConfiguredRobot:
         # Check the parameters before the long compilation.
         self._qos_is_overridden = self._examine_overrides()
         check_optional_topics(values, self.robot)
-        if values['watch.reference']:
-            check_reference(values)
         FillSettings.from_values(values, self.robot.joint_names)
         locks = self._require_sticking(self.robot)
         self.fault = command_fault(controller)
@@ -316,7 +313,7 @@ class ConfiguredRobot:
             self._now, values, self.statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
             loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail)))
-        self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
+        self.optional_topics = OptionalTopics(node, self.path, values, self._now,
                                               self._reject, publisher, opened,
                                               self._transforms)
         self._targets: TargetInput | None = None
@@ -330,10 +327,11 @@ class ConfiguredRobot:
                 self._now, lambda: self._commands.get_subscription_count() > 0,
                 node.get_logger())
             opened.callback(self.drift.close)
+        self._loads_topic = LoadsTopic(node, self._digest, opened)
         self.guard: GuardLink | None = None
         if guarded:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
-                                   len(self.path.messages.joints), self._digest)
+                                   len(self.path.messages.joints))
             self.path.use_guard(self.guard)
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
@@ -675,8 +673,7 @@ class ConfiguredRobot:
         if 'mode' in changed and values['mode'] != str(Mode.GRAVITY_COMPENSATION):
             self.left_mode = ''
         # The order: motion, closed loops, laws, then limits and loads.
-        if self.guard is not None:
-            self.guard.new_parameters()
+        self._loads_topic.new_parameters()
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
                 'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
@@ -777,8 +774,7 @@ class ConfiguredRobot:
     def _distribute(self) -> None:
         """Pass loads and parameters to the torque path and the services."""
         self.path.set_loads(self.loads)
-        if self.guard is not None:
-            self.guard.publish_loads(self.loads)
+        self._loads_topic.publish(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot(self._for_requests, self._for_simulations,
                                           self.loads, self.values, self._request_frames,

@@ -17,12 +17,44 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 
+class LoadsTopic:
+    """
+    Publishes gravity and payload on ~/loads, for the guard and monitors.
+
+    Parameters
+    ----------
+    node : Node
+        The dynamics node.
+    digest : float
+        Digest of the arm, which must be that of the listeners.
+    opened : ExitStack
+        Closes the topic.
+
+    """
+
+    def __init__(self, node: Node, digest: float, opened: ExitStack) -> None:
+        self._digest = digest
+        self._publisher = node.create_publisher(Float64MultiArray, f'~/{LOADS}', LATCHED)
+        opened.callback(node.destroy_publisher, self._publisher)
+        self.new_parameters()
+
+    def new_parameters(self) -> None:
+        """Ask the guard to read the parameters of this node again, with the next loads."""
+        # Exact in a double until 2255
+        self._configuration = float(time.time_ns() // 1000)
+
+    def publish(self, loads: GravityAndPayload) -> None:
+        """Publish gravity and payload; callable from any thread."""
+        self._publisher.publish(Float64MultiArray(data=loads_to_numbers(
+            self._configuration, loads, self._digest)))
+
+
 class GuardLink:
     """
     Asks torque_guard for `commands` whenever it may have taken over.
 
-    The torque path follows the rules of `arbitration`. This link sends its requests,
-    hears the guard, and publishes the loads.
+    The torque path follows the rules of `arbitration`. This link sends its requests and
+    hears the guard.
 
     Parameters
     ----------
@@ -35,8 +67,6 @@ class GuardLink:
         Closes the topics.
     count : int
         Number of joints.
-    digest : float
-        Digest of the arm, which must be that of the guard.
 
     Attributes
     ----------
@@ -46,31 +76,17 @@ class GuardLink:
     """
 
     def __init__(self, node: Node, path: TorquePath, lease: float, opened: ExitStack,
-                 count: int, digest: float) -> None:
-        self._digest = digest
+                 count: int) -> None:
         self._path = path
         self._log = node.get_logger()
         self._lease = round(lease * NANO)
-        self.new_parameters()
         self._request = float64_multi_array(1)
         self._state = float64_multi_array(FIELDS + count)
         self._known = UNGUARDED._replace(opened=float(_now()))
         self.requests = node.create_publisher(Float64MultiArray, f'~/{REQUEST}', RELIABLE)
         opened.callback(node.destroy_publisher, self.requests)
-        self._loads = node.create_publisher(Float64MultiArray, f'~/{LOADS}', LATCHED)
-        opened.callback(node.destroy_publisher, self._loads)
         opened.callback(node.destroy_subscription, node.create_subscription(
             Float64MultiArray, f'~/{STATE}', self._on_state, RELIABLE, raw=True))
-
-    def new_parameters(self) -> None:
-        """Ask the guard to read the parameters of this node again, with the next loads."""
-        # Exact in a double until 2255
-        self._configuration = float(time.time_ns() // 1000)
-
-    def publish_loads(self, loads: GravityAndPayload) -> None:
-        """Publish gravity and payload for the guard; callable from any thread."""
-        self._loads.publish(Float64MultiArray(data=loads_to_numbers(
-            self._configuration, loads, self._digest)))
 
     @property
     def warning(self) -> str:

@@ -138,9 +138,6 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
     if arm.optional_topics.collision is not None:
         warnings.append(f"collision at joint '{arm.optional_topics.collision}': check "
                         'the arm')
-    change = arm.optional_topics.model_change
-    if change is not None:
-        warnings.append(f'model watch: {change}: identify the arm again, or check it')
     if arm.drift is not None and arm.drift.warning:
         warnings.append(arm.drift.warning)
 

@@ -9,7 +9,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-UNUSED = ('imu', 'observer', 'estimator', 'trajectory', 'simulation')
+UNUSED = ('imu', 'observer', 'trajectory', 'simulation')
 SHARED = tuple(spec for spec in SPECS if spec.name.partition('.')[0] not in UNUSED)
 SIMULATED_TIME = 'use_sim_time'
 NAMES = (*(spec.name for spec in SHARED), SIMULATED_TIME)

@@ -13,7 +13,6 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.command_form import EFFORT, effort_scale
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
 
 AT_REST = 1e-2  # largest speed of a joint at rest, rad/s or m/s
@@ -27,7 +26,7 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
     ------
     InputError
         They do not fit each other or the robot, or efforts are external torques, which
-        observer and estimator cannot use.
+        the observer cannot use.
 
     """
     constants = values['efforts.constants']
@@ -113,13 +112,22 @@ class AppliedTorque:
         self._arm_terms = np.array([name != 'inertia' and not getattr(on, name, True)
                                     for name in TORQUE_TERMS], dtype=np.float64)
 
-    def torque(self, cycle: Cycle) -> Array | None:
+    def torque(self, state: Any, tau: Array, external: Array | None) -> Array | None:
         """
         Return the torque that acts on the joints, (n,) N m or N; None if it is unknown.
 
         With closed loops it is the generalized force of the independent joints.
+
+        Parameters
+        ----------
+        state : JointStateReader or the like
+            q, u and effort, and which of them the message had.
+        tau : (n_q,) array
+            The command.
+        external : (n,) array or None
+            Joint torques of known wrenches.
+
         """
-        state = cycle.state
         if not state.has_velocity:
             self._reject('no velocity',
                          'joint states without velocities; the observer needs them')
@@ -134,7 +142,7 @@ class AppliedTorque:
                          'joint states without a finite effort for each joint; '
                          "observer.torque is 'effort'")
             return None
-        torque = self._converted(state) if self.measured else cycle.tau
+        torque = self._converted(state) if self.measured else tau
         beyond = self.measured and self._beyond(torque)
         if beyond:
             self._reject('effort beyond its limit', beyond)
@@ -160,7 +168,7 @@ class AppliedTorque:
                 raise
             self._reject('no deflection', str(error))
             return None
-        return torque if cycle.external is None else torque + cycle.external
+        return torque if external is None else torque + external
 
     def _beyond(self, torque: Array) -> str:
         """Return the joint whose measured torque no motor has; empty without any."""

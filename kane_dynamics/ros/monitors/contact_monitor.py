@@ -186,7 +186,7 @@ class ContactMonitor:
     def on_cycle(self, cycle: Cycle) -> None:
         """Update the estimate with one state and its command; publish what is due."""
         state = cycle.state
-        applied = self._applied_torque.torque(cycle)
+        applied = self._applied_torque.torque(state, cycle.tau, cycle.external)
         if applied is None:
             self._observer.reset()
             return

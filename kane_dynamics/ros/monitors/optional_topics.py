@@ -1,11 +1,10 @@
-"""The optional topics: wrenches, contact, payload, model watch, torque breakdown."""
+"""The optional topics: wrenches and contact."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from importlib import import_module
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -20,12 +19,7 @@ from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
                                                         friction_settings,
                                                         observed_frame,
                                                         observer_settings)
-from kane_dynamics.ros.monitors.model_watch_monitor import (check_watch,
-                                                            ModelWatchMonitor)
-from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
-from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
-from kane_dynamics_interfaces.msg import PayloadEstimate
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
@@ -76,12 +70,6 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         friction_settings(values, robot)
         check_frames(robot.model, [observed_frame(values, robot.model)],
                      'observer.frame')
-    if values['estimator.enabled']:
-        estimator_settings(values, robot)
-    if values['watch.reference']:
-        check_watch(values, robot)
-    # What compares efforts with the model needs to know what the efforts mean.
-    if values['observer.enabled'] or values['estimator.enabled']:
         stated_efforts(values, robot)
 
 
@@ -93,8 +81,6 @@ class OptionalTopics:
     ----------
     node : LifecycleNode
         Owner of the topics.
-    server : Services
-        Its thread estimates the payload.
     path : TorquePath
     values : mapping
         The node's parameters, checked by `check_optional_topics`.
@@ -111,7 +97,7 @@ class OptionalTopics:
 
     """
 
-    def __init__(self, node: LifecycleNode, server: Services, path: TorquePath,
+    def __init__(self, node: LifecycleNode, path: TorquePath,
                  values: Mapping[str, Any], now: Callable[[], int],
                  reject: Callable[[str, str], None],
                  publisher: Callable[[Any, str, QoSProfile], Any],
@@ -122,9 +108,6 @@ class OptionalTopics:
         robot = path.controller.robot
         bending = path.controller.bending
         self.contact: ContactMonitor | None = None
-        self._estimator: PayloadMonitor | None = None
-        # Each observer of the torque path has topics of its own, and closes with the
-        # configuration.
         if values['observer.enabled']:
             self.contact = ContactMonitor(robot, values, ContactPublishers(
                 publisher(JointState, '~/external_torques', RELIABLE),
@@ -143,36 +126,12 @@ class OptionalTopics:
             opened.callback(node.destroy_subscription, node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT,
                 raw=True))
-        if values['estimator.enabled']:
-            self._estimator = PayloadMonitor(
-                robot, values, server,
-                publisher(PayloadEstimate, '~/payload_estimate', RELIABLE),
-                lambda reason, detail: reject(f'estimator: {reason}', detail), bending)
-            opened.callback(self._estimator.close)
-            path.add_observer(self._estimator, need_effort=True)
-        # The watch compares torques with the model, and so needs rigid links.
-        self.watch: ModelWatchMonitor | None = None
-        if values['watch.reference']:
-            if bending is not None:
-                raise InputError("parameter 'watch.reference': for an arm with beams; "
-                                 'expected rigid links, whose torque is linear in their '
-                                 'parameters')
-            self.watch = ModelWatchMonitor(
-                robot, values, server,
-                publisher(DiagnosticArray, '~/model_watch', LATCHED), node.get_logger(),
-                lambda reason, detail: reject(f'model watch: {reason}', detail))
-            opened.callback(self.watch.close)
-            path.add_observer(self.watch, need_effort=True)
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
         self._action = values['observer.action']
         if self.contact is not None:
             self.contact.update(values)
-        if self._estimator is not None:
-            self._estimator.update(values)
-        if self.watch is not None:
-            self.watch.update(values)
         if self._path.wrenches is not None:
             self._path.wrenches.update(values)
 
@@ -184,19 +143,10 @@ class OptionalTopics:
                             '(observer.action: stop)')
 
     @property
-    def model_change(self) -> str | None:
-        """Return the change of the arm that its model lacks, if there is one, in words."""
-        return None if self.watch is None else self.watch.alarm
-
-    @property
     def collision(self) -> str | None:
         """Return the joint of the present collision, if any."""
         return None if self.contact is None else self.contact.detector.joint
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""
-        figures: dict[str, str] = {}
-        for monitor in (self.contact, self.watch):
-            if monitor is not None:
-                figures |= monitor.figures()
-        return figures
+        return {} if self.contact is None else self.contact.figures()

@@ -47,9 +47,8 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
             hint = f'. {model.name} is known: {"; or ".join(listed)}'
         raise unstated(hint)
     contradictions = [contradiction(rows, stated)]
-    # Efforts are read by observer and estimator only, unless these use the command.
-    monitored = values['observer.enabled'] or values['estimator.enabled']
-    if monitored and values['observer.torque'] != 'command':
+    # Efforts are read by the observer only, unless it uses the command.
+    if values['observer.enabled'] and values['observer.torque'] != 'command':
         contradictions.append(effort_contradiction(rows, values['efforts.kind'],
                                                    values['efforts.gravity']))
     return [words for words in contradictions if words]

@@ -310,7 +310,7 @@ SPECS = (
          choices=tuple(EffortKind)),
     Spec('efforts.gravity', 'flag', True,
          'whether the weight of the arm is part of the efforts '
-         'of joint states; if not, observer and estimator add the gravity of the model'),
+         'of joint states; if not, observer and monitor_node add the gravity of the model'),
     Spec('efforts.constants', 'per_joint', [],
          'torque on the joint per motor current, N m/A or N/A, gears included, negative '
          'where the motor turns the other way; for motor_current only'),
@@ -366,28 +366,6 @@ SPECS = (
          'last link'),
     live('observer.rate', 'number', 100.0, 'largest rate of ~/external_torques and '
          '~/external_wrench, 1/s', low=1e-3, high=1e4),
-    Spec('estimator.enabled', 'flag', False,
-         'estimate the payload by recursive least squares and '
-         'publish it; the torques do not use the estimate'),
-    Spec('estimator.rate', 'number', 2.0, 'rate of ~/payload_estimate, 1/s', low=1e-3,
-         high=100.0),
-    Spec('estimator.memory', 'number', 20.0,
-         'time in which the estimator forgets measurements '
-         '(time constant), s', positive=True, low=0.0, high=1e5),
-    Spec('estimator.torque_deviation', 'per_joint', [],
-         'standard deviation of the torque '
-         'residual of the model, N m or N; empty: 1 % of the effort limits',
-         positive=True, low=0.0),
-    Spec('watch.reference', 'text', '',
-         'recording of the sound arm (CSV, npz or bag) in motion, with which the arm is '
-         'compared while it works, without payload but that of the model; empty: no watch '
-         'over the model'),
-    Spec('watch.window', 'number', 30.0,
-         'time in motion after which ~/model_watch says what has changed, s', low=2.0,
-         high=60.0),
-    Spec('watch.false_alarms', 'number', 1e-3,
-         'share of the windows of a sound arm that may have an alarm', positive=True,
-         low=0.0, high=0.4),
     Spec('guard.enabled', 'flag', False,
          'work with torque_guard, which holds the arm when this '
          'node dies or hangs; the launch file sets it'),

@@ -80,6 +80,12 @@ def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
     assert node.additional_env == without_shared_memory()
 
 
+def test_the_monitor_has_the_parameters_of_the_arm(launch_file):
+    node, _, monitor = start(launch_file, config='ur10e.yaml', monitor='true')
+    assert (monitor.executable, monitor.name) == ('monitor_node', 'monitor_node')
+    assert monitor.parameters == [*node.parameters[:-1], {'node': node.name}]
+
+
 def test_without_guard_the_node_does_not_wait_for_it(launch_file):
     node, = start(launch_file, guard='false')
     assert node.parameters == [{'guard.enabled': False}]

@@ -18,7 +18,6 @@ from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noq
 from kane_dynamics.ros.services.service_calls import (  # noqa: E402
     explain, forward_dynamics, get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics_interfaces.srv import (  # noqa: E402
     Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
 from node_values import node_values  # noqa: E402
@@ -73,13 +72,12 @@ def test_the_observer_has_the_torque_without_that_of_the_deflection():
     measured = arm.bending.inverse_dynamics(q, u, np.zeros(2))
     state = SimpleNamespace(q=q, u=u, effort=measured, has_velocity=True,
                             has_effort=True)
-    cycle = Cycle(0, state, None, 0.0, measured, None, None)
-    torques = torque.torque(cycle)
+    torques = torque.torque(state, measured, None)
     rigid = arm.robot.inverse_dynamics(q, u, np.zeros(2))
     np.testing.assert_allclose(torques, rigid, rtol=1e-12)
     assert np.abs(measured - rigid).max() > 1e-3
     state.u = np.array([900.0, 0.0])
-    assert torque.torque(cycle) is None
+    assert torque.torque(state, measured, None) is None
     (reason, detail), = rejected
     assert reason == 'no deflection' and 'no equilibrium found' in detail
 

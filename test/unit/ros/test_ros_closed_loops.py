@@ -24,12 +24,12 @@ from kane_dynamics.ros.common.stamped_numbers import NOT_FINITE  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import (  # noqa: E402
     examine_states, ReceivedState)
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.monitor_node.payload_monitor import PayloadMonitor  # noqa: E402
+from kane_dynamics.ros.monitor_node.torque_samples import (  # noqa: E402
+    MeasuredState, TorqueSample)
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
-from kane_dynamics.ros.monitors.optional_topics import (  # noqa: E402
-    check_optional_topics)
-from kane_dynamics.ros.monitors.payload_monitor import PayloadMonitor  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
@@ -39,7 +39,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
 from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     MISSING, NO_TORQUE, REFUSED, STALE, TWICE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from node_values import node_values, UNCHECKED  # noqa: E402
+from node_values import monitor_values, node_values, UNCHECKED  # noqa: E402
 from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
                         SINGULAR_SHOULDER)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -457,7 +457,7 @@ def test_torque_of_deflected_beams_is_that_of_the_rigid_model_whatever_the_arm_a
     state = SimpleNamespace(has_velocity=True, has_effort=False, q=q, u=u)
     torques = AppliedTorque(
         rigid, values, lambda *words: pytest.fail(str(words)), bent).torque(
-            SimpleNamespace(state=state, tau=command, external=None))
+            state, command, None)
     expected = rigid.inverse_dynamics(q, u, at_rest)
     assert np.abs(bent.inverse_dynamics(q, u, at_rest) - expected).max() > 0.1
     np.testing.assert_allclose(torques, expected, atol=1e-6)
@@ -534,16 +534,11 @@ def test_the_payload_is_estimated_from_the_torques_of_the_motors(further, sigma)
     load = box(20.0, (0.3, 0.2, 0.4), at=(0.05, 0.02, 0.25))
     robot = palletizer(actuated=(*DRIVEN, *further))
     heavy = Robot(with_payload(robot.model, 'tool', load), **robot.options)
-    values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool',
-                           'estimator.torque_deviation': np.array(sigma)})
-    check_optional_topics(values, robot)
-    published = []
+    values = monitor_values({'payload.frame': 'tool',
+                             'estimator.torque_deviation': sigma})
     rejected = []
-    timer = []
-    monitor = PayloadMonitor(robot, values, SimpleNamespace(
-        create_timer=lambda period, callback, clock: timer.append(callback)),
-                             SimpleNamespace(publish=published.append),
-                             lambda *words: rejected.append(words))
+    monitor = PayloadMonitor(robot, values, lambda *words: rejected.append(words))
+    applied = AppliedTorque(robot, values, lambda *words: rejected.append(words))
     motors = list(commanded_joints(robot, robot.speed_names))
     times = 0.01 * np.arange(900)
     w = np.array([0.7, 1.1, 1.3, 3.7])
@@ -554,12 +549,9 @@ def test_the_payload_is_estimated_from_the_torques_of_the_motors(further, sigma)
                               -a * w**2 * s)
     efforts = heavy.joint_torques(heavy.inverse_dynamics(*motion), motion.q)[:, motors]
     for k, (q, u, effort) in enumerate(zip(motion.q, motion.u, efforts)):
-        monitor.on_cycle(SimpleNamespace(
-            stamp=NANO + k * NANO // 100, tau=None, external=None, state=SimpleNamespace(
-                q=q, u=u, effort=effort, has_velocity=True, has_effort=True)))
-        if k % 500 == 499:
-            timer[0]()
-    timer[0]()
+        torque = applied.torque(MeasuredState(q, u, effort, has_effort=True), None, None)
+        monitor.add(TorqueSample(NANO + k * NANO // 100, q, u, torque))
+    published = [monitor.message()]
     assert not rejected
     assert abs(published[-1].mass - load.mass) < 0.02 * load.mass
     assert published[-1].mass_deviation < 0.1 * load.mass

@@ -1,7 +1,5 @@
 """Payload estimation of the demo's arm in motion."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -9,18 +7,15 @@ pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 pytest.importorskip('mujoco')
 
-from kane_dynamics import Controller, Inertial, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics import Inertial, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics.demo.demo_settings import FR3, RATE  # noqa: E402
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.monitors.payload_monitor import (estimator_settings,  # noqa: E402
-                                                        PayloadMonitor)
-from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import BY_NAME  # noqa: E402
-from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from node_values import node_values, UNCHECKED  # noqa: E402
+from kane_dynamics.ros.monitor_node.payload_monitor import (  # noqa: E402
+    estimator_settings, PayloadMonitor)
+from kane_dynamics.ros.monitor_node.torque_samples import TorqueSamples  # noqa: E402
+from node_values import monitor_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
@@ -37,17 +32,12 @@ NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good 
 
 
 def settings(**changes):
-    values = node_values()
-    values['arm_compensates'] = ('none',)
-    arguments = {'payload.frame': FRAME, 'estimator.enabled': True,
-                 'mode': 'gravity_compensation'}
-    return values | arguments | {
-        f'estimator.{name}': read(BY_NAME[f'estimator.{name}'], value)
-        for name, value in changes.items()}
+    return monitor_values({'payload.frame': FRAME} | {
+        name.replace('__', '.'): value for name, value in changes.items()})
 
 
 class Rig:
-    """The demo's arm with payload and servo; the torque path with the monitor."""
+    """The demo's arm with payload and servo; what a monitor receives of it."""
 
     def __init__(self, carrying=True, **changes):
         with open(FR3.urdf, encoding='utf-8') as file:
@@ -58,24 +48,36 @@ class Rig:
         self.rejected = []
         self.time = 100 * NANO
         self.chance = np.random.default_rng(0)
-        self.robot = Robot(MODEL, payload_frame=FRAME)
-        silent = SimpleNamespace(publish=lambda message: None)
-        self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'),
-                               silent, silent,
-                               lambda: self.time, node_values(UNCHECKED), Statistics(),
-                               lambda *words: None)
-        timers = SimpleNamespace(create_timer=self.timer)
-        self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
-                                        SimpleNamespace(publish=self.published.append),
-                                        lambda *words: self.rejected.append(words))
-        self.path.add_observer(self.estimator, need_effort=True)
-        self.path.start()
+        values = settings(**changes)
+        self.samples = TorqueSamples(MODEL, values, lambda: self.time, self.reject)
+        self.robot = self.samples.robot
+        self.estimator = PayloadMonitor(self.robot, values, self.reject)
+        self.period = 1.0 / values['estimator.rate']
 
-    def timer(self, period, callback, clock):
-        self.period = period
-        self.publish = callback
+    def reject(self, *words):
+        self.rejected.append(words)
 
-    def run(self, seconds, motion=None, effort=True):
+    def set_loads(self, loads):
+        loads.apply(self.robot)
+        self.estimator.on_loads_changed()
+
+    def publish(self):
+        message = self.estimator.message()
+        if message is not None:
+            self.published.append(message)
+
+    def hear(self, message, tau, first):
+        """Hear a state, and the command that its node published for it."""
+        command = JointState(header=message.header, name=list(FR3.joints),
+                             effort=tau.tolist())
+        heard = [lambda: self.samples.of_state(serialize_message(message)),
+                 lambda: self.samples.of_torques(command)]
+        for hear in reversed(heard) if first == 'torques' else heard:
+            sample = hear()
+            if sample is not None:
+                self.estimator.add(sample)
+
+    def run(self, seconds, motion=None, effort=True, first='state'):
         """Simulate; the servo holds the arm or follows the motion."""
         for k in range(round(seconds * RATE)):
             q, u = self.arm.state
@@ -91,7 +93,7 @@ class Rig:
             self.time += round(NANO / RATE)
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(
                 self.time, NANO)
-            self.path.on_state(serialize_message(message))
+            self.hear(message, tau, first)
             self.arm.step(tau)
             if (k + 1) % round(self.period * RATE) == 0:
                 self.publish()
@@ -102,8 +104,8 @@ class Rig:
     ids=['no payload parameter', 'payload parameter'])
 def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(
         loads, memory, rise):
-    rig = Rig(memory=memory)
-    rig.path.set_loads(GravityAndPayload(MODEL.gravity, loads))
+    rig = Rig(estimator__memory=memory)
+    rig.set_loads(GravityAndPayload(MODEL.gravity, loads))
     rig.run(8.0, FR3.motion())
     published = rig.published[-1]
     assert len(rig.published) == 16
@@ -129,9 +131,16 @@ def test_without_payload_the_mass_is_zero_and_its_center_unknown():
     assert np.isnan(rig.published[-1].com.x)
 
 
-def test_without_the_required_efforts_there_is_no_estimate():
+@pytest.mark.parametrize('first', ['state', 'torques'])
+def test_without_efforts_the_commands_for_the_same_states_give_the_estimate(first):
     rig = Rig()
-    rig.estimator._applied_torque._source = 'effort'
+    rig.run(4.0, FR3.motion(), effort=False, first=first)
+    assert rig.published[-1].mass == pytest.approx(MASS, rel=0.05)
+    assert rig.rejected == []
+
+
+def test_without_the_required_efforts_there_is_no_estimate():
+    rig = Rig(observer__torque='effort')
     rig.run(0.1, effort=False)
     rig.publish()
     assert rig.published == []
@@ -139,7 +148,6 @@ def test_without_the_required_efforts_there_is_no_estimate():
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
-    ({'payload.frame': ''}, "'payload.frame': empty; expected"),
     ({'estimator.torque_deviation': np.array([1.0, 2.0])},
      '2 entries; expected one number, or one for each of the 7 joints')])
 def test_invalid_settings_are_refused_by_name(changes, words):

@@ -186,7 +186,7 @@ class Pair:
             process.create_publisher(None, '~/joint_torques', None),
             lambda: round(self.machine.now * NANO), self.values, Statistics(),
             lambda *words: None)
-        self.link = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
+        self.link = GuardLink(process, self.path, LEASE, ExitStack(), 2)
         self.path.use_guard(self.link)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)

@@ -12,9 +12,10 @@ pytest.importorskip('kane_dynamics_interfaces')
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402, I100
 from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
-from kane_dynamics.ros.monitors.model_watch_monitor import (  # noqa: E402
-    check_reference, check_watch, ModelWatchMonitor)
-from node_values import node_values  # noqa: E402
+from kane_dynamics.ros.monitor_node.model_watch_monitor import (  # noqa: E402
+    ModelWatchMonitor)
+from kane_dynamics.ros.monitor_node.torque_samples import TorqueSample  # noqa: E402
+from node_values import monitor_values  # noqa: E402
 from recordings import exciting  # noqa: E402
 
 NANO = 10**9
@@ -51,9 +52,7 @@ def reference(tmp_path_factory):
 
 def node_parameters(reference, **changes):
     """Return the parameters of a node that watches over its model."""
-    values = node_values()
-    return values | {'arm_compensates': ('none',), 'watch.reference': reference,
-                     'watch.window': 10.0} | changes
+    return monitor_values({'watch.reference': reference, 'watch.window': 10.0} | changes)
 
 
 class Rig:
@@ -65,29 +64,18 @@ class Rig:
         self.rejected = []
         self.log = []
         self.robot = robot or Robot(arm())
-        server = SimpleNamespace(create_timer=self._timer,
-                                 destroy_timer=lambda timer: None)
         log = SimpleNamespace(warning=self.log.append, info=self.log.append)
         self.monitor = ModelWatchMonitor(
-            self.robot, values, server, SimpleNamespace(publish=self.published.append),
-            log, lambda *words: self.rejected.append(words))
+            self.robot, values, self.published.append, log,
+            lambda *words: self.rejected.append(words))
         self.time = 100 * NANO
-        self.monitor.start()
-
-    def _timer(self, period, callback, clock):
-        self.process = callback
 
     def observe(self, robot, seed=1, duration=12.0):
         """Observe an arm in motion."""
         t, q, u, _, tau = measured(robot, seed, duration)
         for k in range(len(t)):
             stamp = self.time + round(t[k] * NANO)
-            state = SimpleNamespace(has_velocity=True, has_effort=True, q=q[k], u=u[k],
-                                    effort=tau[k])
-            self.monitor.on_cycle(SimpleNamespace(stamp=stamp, state=state, tau=tau[k],
-                                                  external=None))
-            if k % 100 == 99:
-                self.process()
+            self.monitor.add(TorqueSample(stamp, q[k], u[k], tau[k]))
         self.time += round((t[-1] + 1.0) * NANO)
 
 
@@ -136,11 +124,7 @@ def test_an_arm_at_rest_fills_no_window(reference):
     rig = Rig(reference)
     for k in range(2000):
         still = np.zeros(2)
-        state = SimpleNamespace(has_velocity=True, has_effort=True, q=still, u=still,
-                                effort=still)
-        rig.monitor.on_cycle(SimpleNamespace(stamp=rig.time + 10_000_000 * k,
-                                             state=state, tau=still, external=None))
-    rig.process()
+        rig.monitor.add(TorqueSample(rig.time + 10_000_000 * k, still, still, still))
     assert rig.published == []
     assert rig.monitor.figures() == {
         'model watch': 'no window yet; it fills while the arm moves'}
@@ -161,10 +145,7 @@ def test_rests_gaps_and_a_clock_set_back_leave_a_window_of_true_accelerations(re
 def test_references_that_do_not_fit_are_refused_with_the_reason(reference, tmp_path):
     with pytest.raises(InputError,
                        match=r"'watch.reference': 'none.csv'; expected the path"):
-        check_reference(node_parameters('none.csv'))
-    # A running node has read its reference: without the file other parameters still
-    # change.
-    check_watch(node_parameters('none.csv'), Robot(arm()))
+        Rig('none.csv')
     path = tmp_path / 'short.npz'
     t, q, u, udot, tau = (part[:50] for part in measured(Robot(arm()), 0, 20.0))
     np.savez(path, t=t, q=q, u=u, udot=udot, tau=tau)

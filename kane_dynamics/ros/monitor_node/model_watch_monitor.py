@@ -1,6 +1,5 @@
-"""The watch over the model while the arm works, in the services' thread."""
+"""Watch over the model of an arm while it works."""
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,33 +13,11 @@ from kane_dynamics.identification.recordings.recording import (NAMES, Recording,
                                                                STANDSTILL)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.monitors.applied_torque import AppliedTorque, stated_efforts
-from kane_dynamics.ros.monitors.payload_monitor import MAX_GAP, PERIOD, TorqueSample
-from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.monitor_node.torque_samples import MAX_GAP, PERIOD, TorqueSample
+from kane_dynamics.ros.monitors.applied_torque import stated_efforts
 import numpy as np
-from rclpy.clock import Clock, ClockType
-from rclpy.publisher import Publisher
 
-CHECKS = 1.0  # s between two looks at the queue
-MOST_SAMPLES = 6000  # queued: a minute
 FEWEST_IN_STRETCH = 5  # consecutive samples whose speeds give accelerations
-
-
-def check_watch(values: Mapping[str, Any], robot: Robot) -> None:
-    """Raise InputError if the robot or the parameters do not allow a watch."""
-    stated_efforts(values, robot)
-    if not robot.equations.in_joint_rates:
-        raise InputError("parameter 'watch.reference': for a robot with chosen speeds or "
-                         'constraints; expected a tree in joint rates, with a torque of '
-                         'each joint')
-
-
-def check_reference(values: Mapping[str, Any]) -> None:
-    """Raise InputError unless the reference recording exists, before it is read."""
-    if not Path(values['watch.reference']).exists():
-        raise InputError(f"parameter 'watch.reference': {values['watch.reference']!r}; "
-                         'expected the path of a recording')
 
 
 def model_watch(values: Mapping[str, Any], robot: Robot) -> ModelWatch:
@@ -50,9 +27,17 @@ def model_watch(values: Mapping[str, Any], robot: Robot) -> ModelWatch:
     Raises
     ------
     InputError
-        The file cannot be read, or has other joints or too few rows.
+        The robot is no tree in joint rates, or the file cannot be read, or has other
+        joints or too few rows.
 
     """
+    if not robot.equations.in_joint_rates:
+        raise InputError("parameter 'watch.reference': for a robot with chosen speeds or "
+                         'constraints; expected a tree in joint rates, with a torque of '
+                         'each joint')
+    if not Path(values['watch.reference']).exists():
+        raise InputError(f"parameter 'watch.reference': {values['watch.reference']!r}; "
+                         'expected the path of a recording')
     names = robot.joint_names
     try:
         recording = read_recording(values['watch.reference'], names, numbered=names)
@@ -68,23 +53,19 @@ class ModelWatchMonitor:
     """
     Compares the arm in motion with its model and a sound recording, window by window.
 
-    The torque path queues samples; the services' thread makes a report of each window,
-    and publishes it on `~/model_watch`. Gravity, payload and wrenches that the node knows
-    are no change of the model.
+    Gravity, payload and wrenches that the robot knows are no change of the model.
 
     Parameters
     ----------
     robot : Robot
-        The robot of the torque path.
+        With the gravity and the payload of now.
     values : mapping
-        The node's parameters.
-    server : Services
-        Its thread makes the reports.
-    publisher : Publisher
-        Publisher of DiagnosticArray.
+        Parameters efforts.* and watch.*.
+    publish : callable
+        Called with a DiagnosticArray after each window.
     log : rcutils logger
     reject : callable
-        Called with the reason and the details of each state that cannot be used.
+        Called with the reason and the details of each window that cannot be used.
 
     Raises
     ------
@@ -93,98 +74,48 @@ class ModelWatchMonitor:
 
     """
 
-    def __init__(self, robot: Robot, values: Mapping[str, Any], server: Services,
-                 publisher: Publisher, log: Any,
+    def __init__(self, robot: Robot, values: Mapping[str, Any],
+                 publish: Callable[[DiagnosticArray], object], log: Any,
                  reject: Callable[[str, str], None]) -> None:
         self._robot = robot
-        self._server = server
-        self._publisher = publisher
+        self._publish = publish
         self._log = log
         self._reject = reject
-        self._applied_torque = AppliedTorque(robot, values, reject)
         self._watch = model_watch(values, robot)
         self._bare = Robot(robot.model)
         self._rows = max(round(values['watch.window'] * NANO / PERIOD), FEWEST_ROWS)
-        self._samples: deque[TorqueSample] = deque(maxlen=MOST_SAMPLES)
-        self._last = 0
-        self._reset_pending = False  # carried out by the services' thread
-        self._stretch: list[TorqueSample] = []
-        self._window: list[Recording] = []
-        self._newest = 0  # stamp of the latest sample, ns
-        self._origin = 0  # stamp of the first sample of the window, ns
         self.report: WatchReport | None = None
         for model_of_arm in (robot, self._bare):
             model_of_arm.compile('inverse_dynamics', batches=True)
-        self._timer = server.create_timer(CHECKS, self._process,
-                                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._newest = 0  # stamp of the latest sample, ns
+        self._origin = 0  # stamp of the first sample of the window, ns
+        self.on_loads_changed()
 
-    # In the thread of the torque path.
+    def on_loads_changed(self) -> None:
+        """Begin a window: samples before and after new loads do not belong together."""
+        self._stretch: list[TorqueSample] = []
+        self._window: list[Recording] = []
 
-    def start(self) -> None:
-        """Begin a window."""
-        self._reset_pending = True
-        self._samples.clear()
-        self._last = 0
-
-    def stop(self) -> None:
-        """Drop queued samples; keep the last report."""
-        self._samples.clear()
-
-    # Samples before and after a change of the loads do not belong together.
-    on_loads_changed = start
-
-    def update(self, values: Mapping[str, Any]) -> None:
-        """Use checked parameters from the next state on."""
-        self._applied_torque.update(values)
-
-    def on_cycle(self, cycle: Cycle) -> None:
-        """Queue a sample if one is due and the arm moves."""
-        if 0 <= cycle.stamp - self._last < PERIOD:
-            return
+    def add(self, sample: TorqueSample) -> None:
+        """Add a sample of the moving arm to the window; report on it when it is full."""
         # At rest, friction is not known.
-        state = cycle.state
-        if state.has_velocity and np.abs(state.u).max(initial=0.0) <= STANDSTILL:
+        if np.abs(sample.u).max(initial=0.0) <= STANDSTILL:
             return
-        torque = self._applied_torque.torque(cycle)
-        if torque is not None:
-            self._last = cycle.stamp
-            self._samples.append(TorqueSample(cycle.stamp, state.q.copy(),
-                                              state.u.copy(), torque.copy()))
-
-    # In the services' thread.
-
-    def close(self) -> None:
-        """Stop the reports."""
-        self._server.destroy_timer(self._timer)
-
-    def _process(self) -> None:
-        """Add the queued samples to the window; report on it when it is full."""
-        if self._reset_pending:
-            self._reset_pending = False
-            self._stretch = []
-            self._window = []
         # Consecutive samples are a stretch; a break ends it, a reset clock drops it.
-        for _ in range(len(self._samples)):
-            try:
-                sample = self._samples.popleft()
-            except IndexError:  # the torque path has cleared the queue
-                break
-            gap = sample.stamp - self._newest
-            if gap <= 0:  # the clock has been set back
-                self._stretch = []
-                self._window = []
-            elif gap > MAX_GAP * PERIOD:
-                self._end_stretch()
-            self._newest = sample.stamp
-            self._stretch.append(sample)
+        gap = sample.stamp - self._newest
+        if gap <= 0:  # the clock has been set back
+            self.on_loads_changed()
+        elif gap > MAX_GAP * PERIOD:
+            self._end_stretch()
+        self._newest = sample.stamp
+        self._stretch.append(sample)
         # A full window is reported and dropped.
-        rows = len(self._stretch) + sum(map(len, self._window))
-        if rows < self._rows:
+        if len(self._stretch) + sum(map(len, self._window)) < self._rows:
             return
         self._end_stretch()
         window = self._window
         self._window = []
-        if sum(map(len, window)) >= FEWEST_ROWS and not self._reset_pending:
+        if sum(map(len, window)) >= FEWEST_ROWS:
             self._make_report(window)
 
     def _end_stretch(self) -> None:
@@ -220,7 +151,7 @@ class ModelWatchMonitor:
             return
         self._log_changes(report)
         self.report = report
-        self._publisher.publish(report_message(report, self._newest))
+        self._publish(report_message(report, self._newest))
 
     def _log_changes(self, report: WatchReport) -> None:
         """Log alarms that the previous report had not, and the end of all alarms."""

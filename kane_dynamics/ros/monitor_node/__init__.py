@@ -1,0 +1,1 @@
+"""The node that listens to an arm: payload estimate, and a watch over its model."""
