@@ -7,15 +7,17 @@ import re
 import shlex
 
 from documents import ROOT
+from kane_dynamics.ros.monitor_node import monitor_parameters
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import yaml
 
 TABLES = {'kane_dynamics': {spec.name: spec for spec in SPECS},
-          'plant': {spec.name: spec for spec in plant_specs.SPECS}, 'torque_guard': {}}
+          'plant': {spec.name: spec for spec in plant_specs.SPECS}, 'torque_guard': {},
+          'monitor_node': {spec.name: spec for spec in monitor_parameters.ALL}}
 EXECUTABLES = {'dynamics_node': 'kane_dynamics', 'plant_node': 'plant',
-               'torque_guard': 'torque_guard'}
+               'torque_guard': 'torque_guard', 'monitor_node': 'monitor_node'}
 FOREIGN = {'use_sim_time'}  # of every node
 ELSEWHERE = {'security', 'controller_manager'}  # verbs and packages that are not ours
 SOURCE = ''.join(path.read_text(encoding='utf-8')

@@ -12,7 +12,7 @@ from kane_dynamics.ros.common.configuration_files import (load_model, resolve_pa
 from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RECORDED_STATES, RELIABLE
 from kane_dynamics.ros.common.throttle import ThrottledWarning
-from kane_dynamics.ros.guard.guard_messages import (arm_digest, loads_from_numbers, LOADS,
+from kane_dynamics.ros.guard.guard_messages import (arm_digest, LOADS, loads_from_numbers,
                                                     LOADS_LENGTH)
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload, parameter_loads
 from kane_dynamics.ros.loads.wrench_input import check_frames
@@ -31,6 +31,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
+
 
 class MonitorNode(Node):
     """
