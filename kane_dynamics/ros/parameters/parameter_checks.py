@@ -19,8 +19,10 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 SIMILAR = 0.75  # least similarity of spellings without a common word, as of difflib
-# Parameters of ROS that a parameter file may contain beside those of the node.
-FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+# Parameters of ROS and of monitor_node that a parameter file may contain beside those of
+# the node.
+FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service', 'estimator',
+           'watch')
 FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame',
           'cartesian.frame')
 

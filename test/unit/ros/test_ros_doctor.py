@@ -136,8 +136,7 @@ def test_all_problems_are_reported_at_once(examine):
         /**: {ros__parameters: {urdf: /no/such.urdf, supplement: /no/such.yaml, gains: {kp: [1.0]},
               arm_compensates: none,
               limits: {effort: [1.0, 2.0, 3.0]}, payload: {mass: 2.0}, wrench: {frames: [claw]},
-              observer: {enabled: true, threshold: [1.0], frame: paw},
-              estimator: {enabled: true, torque_deviation: 1.0}}}""")  # noqa: E501
+              observer: {enabled: true, threshold: [1.0], frame: paw}}}""")
     assert {level for level, _ in findings} == {'problem'}
     text = '\n'.join(words for _, words in findings)
     for words in (
@@ -146,10 +145,9 @@ def test_all_problems_are_reported_at_once(examine):
              'expected one number without brackets, or '),
             "'limits.effort': 3 entries", "'wrench.frames': claw; expected frames of ",
             "'observer.frame': paw", "'observer.threshold': a list of one, [1.0]",
-            "'payload.frame': empty; expected the frame of the payload, as estimator",
             'payload: parameter payload.frame is empty; expected a frame'):
         assert words in text, text
-    assert len(findings) == 9
+    assert len(findings) == 8
     (_, words), = examine(
         '/**: {ros__parameters: {tip: nonsense, arm_compensates: none}}')[0]
     assert "tip: 'nonsense' is no link; expected one of" in words
