@@ -136,7 +136,7 @@ def test_all_problems_are_reported_at_once(examine):
         /**: {ros__parameters: {urdf: /no/such.urdf, supplement: /no/such.yaml, gains: {kp: [1.0]},
               arm_compensates: none,
               limits: {effort: [1.0, 2.0, 3.0]}, payload: {mass: 2.0}, wrench: {frames: [claw]},
-              observer: {enabled: true, threshold: [1.0], frame: paw}}}""")
+              observer: {enabled: true, threshold: [1.0], frame: paw}}}""")  # noqa: E501
     assert {level for level, _ in findings} == {'problem'}
     text = '\n'.join(words for _, words in findings)
     for words in (
