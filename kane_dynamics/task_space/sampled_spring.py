@@ -9,7 +9,8 @@ late. With the inertia M of the independent speeds, a spring K and a damper D,
     F_(k+1) = -K x_k - D v_k,
 
 and motion grows if an eigenvalue of this map lies outside of the unit circle. Of one mass
-without a spring the damper alone has to satisfy d T < m. Source: Astrom and Wittenmark,
+without a spring the damper alone has to satisfy d T < m. The springs of elastic joints act
+without a delay: the first two rows are then those of the matrix exponential of the arm. Source: Astrom and Wittenmark,
 "Computer-Controlled Systems", section 3.2: sampling of systems with a delay.
 """
 
@@ -20,6 +21,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 BISECTIONS = 20
+TERMS = 12  # of the series of an exponential whose norm is at most 1/4
 # Free motion has double eigenvalues of one, which rounding moves by its square root.
 ROUNDING = 1e-6
 
@@ -96,7 +98,8 @@ class Swing(NamedTuple):
         return self.growth > 1.0 + ROUNDING
 
 
-def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
+def swing(inertia: Array, spring: JointSpring, period: float,
+          own: JointSpring | None = None) -> Swing:
     """
     Return the motion of a sampled loop that decays least.
 
@@ -108,6 +111,8 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
         About the state.
     period : float
         Time between two states, by which the torques are late, s.
+    own : JointSpring, optional
+        Springs and dampers of the arm itself, which act at once.
 
     """
     # In coordinates y = L^T x with M = L L^T the inertia is one. Without inertia, motion
@@ -120,13 +125,16 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
     n = len(inertia)
     identity = np.eye(n)
     zero = np.zeros((n, n))
-    # Position, speed and acceleration over a period in which the torque is held; the new
-    # torque follows from their ends.
-    step = np.block([
-        [identity, period * identity, 0.5 * period**2 * identity],
-        [zero, identity, period * identity],
-        [-inverse @ spring.stiffness @ inverse.T,
-         -inverse @ spring.damping @ inverse.T, zero]])
+    # The rates of position, speed and held acceleration.
+    own = own or JointSpring(zero, zero, False)
+    rates = np.block([
+        [zero, identity, zero],
+        [-inverse @ own.stiffness @ inverse.T, -inverse @ own.damping @ inverse.T, identity],
+        [zero, zero, zero]])
+    # After a period in which the torque is held, the new one follows from its begin.
+    step = exponential(period * rates)
+    step[2 * n:] = np.block([-inverse @ spring.stiffness @ inverse.T,
+                             -inverse @ spring.damping @ inverse.T, zero])
     # The eigenvalue of largest size decays least; its mode shows which joint swings.
     values, vectors = np.linalg.eig(step)
     largest = int(np.argmax(np.abs(values)))
@@ -135,21 +143,37 @@ def swing(inertia: Array, spring: JointSpring, period: float) -> Swing:
     return Swing(float(np.abs(values[largest])), int(np.argmax(energies)))
 
 
+def exponential(matrix: Array) -> Array:
+    """Return e^matrix by scaling and squaring of its series."""
+    squarings = max(0, 3 + int(np.frexp(np.linalg.norm(matrix, 1))[1]))
+    scaled = matrix / 2.0**squarings
+    term = np.eye(len(matrix))
+    total = term
+    for k in range(1, TERMS + 1):
+        term = term @ scaled / k
+        total = total + term
+    for _ in range(squarings):
+        total = total @ total
+    return total
+
+
 def steady_share(inertia: Array, spring: JointSpring, period: float,
-                 other: JointSpring | None = None) -> float:
+                 other: JointSpring | None = None, own: JointSpring | None = None
+                 ) -> float:
     """
     Return the largest factor of a spring, at most 1, whose loop does not swing up.
 
-    Another spring beside it keeps its stiffness.
+    Another spring beside it, and the arm's own ones, keep their stiffness.
     """
-    if not swing(inertia, spring.beside(other), period).swings_up:
+    if not swing(inertia, spring.beside(other), period, own).swings_up:
         return 1.0
     # Bisection: steady without a spring, growing with the whole one.
     steady = 0.0
     growing = 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (steady + growing)
-        if swing(inertia, spring.scaled(middle).beside(other), period).swings_up:
+        scaled = spring.scaled(middle).beside(other)
+        if swing(inertia, scaled, period, own).swings_up:
             growing = middle
         else:
             steady = middle

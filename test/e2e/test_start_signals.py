@@ -40,8 +40,10 @@ sys.exit(importlib.import_module('{node}').main())
 
 def started(*command):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    # Jobs in the background of a shell inherit an ignored SIGINT.
     return subprocess.Popen([sys.executable, *command], env=environment,
-                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 
 def code_and_output(process):

@@ -602,6 +602,9 @@ class ConfiguredRobot:
             return words and f'no joint states yet, so judged at an assumed rate: {words}'
         # The configuration of closed loops is known from the first cycle on.
         if q is None or not period or not (computed or self.path.loops is None):
+            if controller.mode in self.modes.laws:
+                self._warn('mode', f'{controller.mode}: its stability cannot be judged '
+                           'before the first joint states; it is judged with them')
             return ''
         return instability(controller, self.modes.laws, controller.mode, q, period)
 

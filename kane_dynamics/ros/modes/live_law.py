@@ -2,17 +2,38 @@
 
 from collections.abc import Mapping
 import math
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import ModeLaw
 from kane_dynamics.control.traced_laws import TracedLaw
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.modes.task_description import TaskDescription, TaskSnapshot
 from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 
 NOTHING = np.zeros(0)
 WALL = 'stiffness of its wall'  # the gain of walls at joint limits
+
+
+class SprungArm(NamedTuple):
+    """
+    An arm on springs.
+
+    Attributes
+    ----------
+    inertia : (n, n) array
+        kg m^2 or kg.
+    names : tuple of n str
+        Of its joints.
+    own : JointSpring or None
+        The springs and dampers of its elastic joints, which act without a delay.
+
+    """
+
+    inertia: Array
+    names: tuple[str, ...]
+    own: JointSpring | None = None
 
 
 class LiveLaw(ModeLaw, Protocol):
@@ -63,6 +84,10 @@ class LiveLaw(ModeLaw, Protocol):
         one has to be stable beside those before it.
         """
         return {}
+
+    def sprung_arm(self, robot: Robot, q: Array) -> SprungArm:
+        """Return what `springs` move: the robot of the torque path, unless a law has another."""
+        return SprungArm(robot.mass_matrix(q), tuple(robot.speed_names))
 
 
 class NativeLaw(LiveLaw):

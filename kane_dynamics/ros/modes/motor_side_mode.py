@@ -9,8 +9,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.modes.live_law import LiveLaw
+from kane_dynamics.ros.modes.live_law import LiveLaw, SprungArm
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+from kane_dynamics.task_space.sampled_spring import JointSpring
 import numpy as np
 
 SHARE = 0.04  # of the stiffness of a drive: the default gain of its motor's position
@@ -112,9 +113,7 @@ class MotorSideMode(LiveLaw):
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                t: float) -> Array:
         """Return torques of the motors (n,), joint-side, towards the motion."""
-        # Gravity and payload are those of the robot of the torque path.
-        physical = self._robot.parameters.physical
-        self._elastic.parameters.block[:physical] = self._robot.parameters.block[:physical]
+        self._take_loads()
         if motion is not None:
             self._pose = None  # the pose at the end of the motion is held next
             times = np.array([moment, moment + self._lead])
@@ -125,6 +124,34 @@ class MotorSideMode(LiveLaw):
             desired = ahead = np.zeros((5, len(q)))
             desired[0] = self._pose
         return np.asarray(self._law(q, u, desired, ahead, *self._gains))
+
+    def _take_loads(self) -> None:
+        """Give the elastic arm gravity and payload of the robot of the torque path."""
+        physical = self._robot.parameters.physical
+        self._elastic.parameters.block[:physical] = self._robot.parameters.block[:physical]
+
+    def springs(self, q: Array) -> dict[str, JointSpring]:
+        """Return the feedback of the measured side on the motors."""
+        measured = self._arm.links if self._side == LINK else self._arm.motors
+        stiffness, damping = np.zeros((2, self._elastic.n, self._elastic.n))
+        stiffness[self._arm.motors, measured], damping[self._arm.motors, measured] = (
+            self._gains)
+        return {'drives.kp and drives.kd': JointSpring(stiffness, damping, False)}
+
+    def sprung_arm(self, robot: Robot, q: Array) -> SprungArm:
+        """Return links and motors on the springs and dampers of their drives, undeflected."""
+        self._take_loads()
+        elastic = self._elastic
+        positions = np.zeros(elastic.n)
+        positions[self._arm.links] = positions[self._arm.motors] = q
+        stiffness, damping = np.zeros((2, elastic.n, elastic.n))
+        for k, side in self._arm.drives.items():
+            ends = np.ix_(*[[self._arm.links[k], self._arm.motors[k]]] * 2)
+            between = np.array([[1.0, -1.0], [-1.0, 1.0]])
+            stiffness[ends] += side.drive.stiffness_at_rest * between
+            damping[ends] += side.drive.damping * between
+        return SprungArm(elastic.mass_matrix(positions), elastic.joint_names,
+                         JointSpring(stiffness, damping, False))
 
     def _links_at(self, q: Array) -> Array:
         """Return the links' positions at rest for measured ones: motors lead links."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.terms import Mode
-from kane_dynamics.ros.modes.live_law import LiveLaw
+from kane_dynamics.ros.modes.live_law import LiveLaw, SprungArm
 from kane_dynamics.task_space.sampled_spring import JointSpring, steady_share, swing
 import numpy as np
 
@@ -20,9 +20,7 @@ class Feedback(NamedTuple):
     spring : JointSpring
     other : JointSpring or None
         The springs that act as well, and keep their stiffness.
-    inertia : (n, n) array
-        kg m^2 or kg.
-    joints : sequence of n str
+    arm : SprungArm
     gain : str
         What to change.
     largest : tuple of (str, (n,) array)
@@ -32,8 +30,7 @@ class Feedback(NamedTuple):
 
     spring: JointSpring
     other: JointSpring | None
-    inertia: Array
-    joints: tuple[str, ...]
+    arm: SprungArm
     gain: str
     largest: tuple[tuple[str, Array], ...] = ()
 
@@ -62,18 +59,21 @@ def instability(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode
 
     """
     for feedback in _feedbacks(controller, laws, mode, q, gains):
-        motion = swing(feedback.inertia, feedback.spring.beside(feedback.other), period)
+        inertia, names, own = feedback.arm
+        motion = swing(inertia, feedback.spring.beside(feedback.other), period, own)
         if not motion.swings_up:
             continue
-        share = steady_share(feedback.inertia, feedback.spring, period, feedback.other)
+        share = steady_share(inertia, feedback.spring, period, feedback.other, own)
         j = motion.joint
         values = ', '.join(f'{name} {share * gain[j]:.3g}'
                            for name, gain in feedback.largest)
-        return (f"{mode}: joint '{feedback.joints[j]}' swings up: with joint states each "
+        missing = 'the inertia of the rotors as `armature`' if own is None else (
+            'the `damping` of the drives')
+        return (f"{mode}: joint '{names[j]}' swings up: with joint states each "
                 f'{period * 1e3:.3g} ms its amplitude grows by {motion.growth:.2g} in '
                 f'each; expected at most {100.0 * share:.2g}% of the {feedback.gain}'
-                + f' ({values})' * bool(values) + ', states more often, or the inertia of '
-                'the rotors as `armature` in the supplement')
+                + f' ({values})' * bool(values) + ', states more often, or '
+                f'{missing} in the supplement')
     law = laws.get(mode)
     if law is not None and period > law.longest_period:
         return (f'{mode}: joint states each {period * 1e3:.3g} ms, with which brakes of '
@@ -90,18 +90,18 @@ def _feedbacks(controller: Controller, laws: Mapping[Mode, LiveLaw], mode: Mode,
         # Through the inertia of the model the gains act on the acceleration of each joint.
         kp, kd = gains or (controller.kp, controller.kd)
         spring = JointSpring(np.diag(kp), np.diag(kd), False)
-        return [Feedback(spring, None, np.eye(len(kp)), tuple(controller.followed),
-                         'gains', (('gains.kp', kp), ('gains.kd', kd)))]
+        arm = SprungArm(np.eye(len(kp)), tuple(controller.followed))
+        return [Feedback(spring, None, arm, 'gains', (('gains.kp', kp), ('gains.kd', kd)))]
     law = laws.get(mode)
     if law is None:
         return []
-    inertia = robot.mass_matrix(q)
-    names = tuple(robot.speed_names)
     feedbacks = []
     # Each spring beside those before it, which are stable without it.
     before: JointSpring | None = None
-    for gain, spring in law.springs(q).items():
+    springs = law.springs(q)
+    arm = law.sprung_arm(robot, q)
+    for gain, spring in springs.items():
         if spring.stiffness.any() or spring.damping.any():
-            feedbacks.append(Feedback(spring, before, inertia, names, gain))
+            feedbacks.append(Feedback(spring, before, arm, gain))
             before = spring.beside(before)
     return feedbacks

@@ -10,8 +10,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics import Controller, Drive, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics import with_drives, with_rigid_joints  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.control.elastic_control import ElasticArm  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.errors import ConstraintError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -20,6 +22,7 @@ from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import native_path  # noqa: E402
+from node_process import model as rigid_model  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -198,6 +201,57 @@ def test_brakes_of_fast_joints_need_a_rate_of_states_and_throw_the_arm_below_it(
         acting = torque
         speeds.append(np.abs(u).max())
     assert (max(speeds) > 10.0) if words else (speeds[-1] < 1.2 * limits.max())
+
+
+DRIVEN = with_drives(rigid_model(), {
+    'turn': Drive(9e3, rotor_inertia=0.5, damping=40.0),
+    'lift': Drive(8e3, rotor_inertia=0.4, damping=40.0)})
+
+
+def fastest_on_drives(period, changes):
+    """Return the words, and largest and last speed of an arm on drives with late torques."""
+    values = node_values({'mode': 'motor_side', **changes})
+    robot = Robot(with_rigid_joints(DRIVEN))
+    laws = TaskModes(robot, values, DRIVEN).laws
+    controller = Controller(robot, mode='motor_side', laws=laws)
+    q = np.array([0.2, -0.4, 0.1])
+    words = instability(controller, laws, Mode.MOTOR_SIDE, q, period)
+    elastic = Robot(DRIVEN)
+    arm = ElasticArm(elastic)
+    measured = arm.links if values['drives.sensor_side'] == 'link' else arm.motors
+    # At rest, with the deflections of gravity.
+    command = elastic.compiled(arm.motor_command, motion=(5, 3), name='command', shape=(5, 3))(
+        np.vstack([q, np.zeros((4, 3))]))
+    state = np.zeros((2, elastic.n))
+    state[0, arm.links] = q
+    state[0, arm.motors] = command[0]
+    acting = laws[Mode.MOTOR_SIDE].torque(*state[:, measured], None, 0.0, 0.0)
+    state[1] = 1e-4
+    size = []
+    for _ in range(4000):
+        torque = laws[Mode.MOTOR_SIDE].torque(*state[:, measured], None, 0.0, 0.0)
+        for _ in range(10):
+            state[1] += 0.1 * period * elastic.forward_dynamics(
+                *state, arm.in_tau(acting).astype(float))
+            state[0] += 0.1 * period * state[1]
+        acting = torque
+        size.append(np.abs(state[1]).max())
+        if size[-1] > 0.1:
+            break
+    return words, max(size), size[-1]
+
+
+@pytest.mark.parametrize(('side', 'kp', 'kd'), [
+    ('motor', 300.0, 900.0), ('link', 3000.0, 300.0)])
+def test_feedback_on_drives_is_judged_with_their_elasticity(side, kp, kd):
+    """A rigid arm hides what is unstable: the rotors, and links that are measured."""
+    settings = {'drives.sensor_side': side, 'drives.kp': kp, 'drives.kd': kd}
+    words, largest, _ = fastest_on_drives(1e-3, settings)
+    assert 'swings up' in words and 'drives.kd' in words and largest > 0.1
+    share = 0.9 * float(words.split('at most ')[1].split('%')[0]) / 100.0
+    words, largest, last = fastest_on_drives(1e-3, {
+        **settings, 'drives.kp': share * kp, 'drives.kd': share * kd})
+    assert words == '' and last < 0.5 * largest
 
 
 def test_modes_without_feedback_are_stable_at_any_rate():

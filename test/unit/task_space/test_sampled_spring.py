@@ -25,6 +25,27 @@ def test_a_delayed_damper_grows_by_the_root_of_its_share_of_a_period(ratio):
     assert motion.swings_up == (ratio > 1.0)
 
 
+def test_springs_of_the_arm_itself_act_without_a_delay():
+    """Two masses on a spring, of which one is held: small steps of the motion itself."""
+    own = JointSpring(9e3 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.zeros((2, 2)), False)
+    inertia = np.diag([2.0, 0.5])
+    late = JointSpring(np.array([[0.0, 0.0], [0.0, 300.0]]),
+                       np.array([[0.0, 0.0], [12.0, 0.0]]), False)
+    x, v, force = np.random.default_rng(1).normal(size=(3, 2))
+    sizes = []
+    for _ in range(3000):
+        new_force = -late.stiffness @ x - late.damping @ v
+        for _ in range(20):  # a leap-frog
+            v = v + 0.05 * PERIOD * (force - own.stiffness @ x) / np.diag(inertia)
+            x = x + 0.05 * PERIOD * v
+        force = new_force
+        sizes.append(np.log(np.linalg.norm(x)))
+    growth = np.polyfit(np.arange(2000), sizes[1000:], 1)[0]
+    motion = swing(inertia, late, PERIOD, own)
+    assert growth == pytest.approx(np.log(motion.growth), rel=0.02)
+    assert motion.swings_up and motion.joint == 1
+
+
 def test_an_undamped_sampled_spring_always_swings_up():
     """The delay of a period makes each spring without a damper a source of energy."""
     inertia, spring = one_mass(1.0, 1000.0, 0.0)
