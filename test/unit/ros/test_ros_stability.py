@@ -209,7 +209,7 @@ DRIVEN = with_drives(rigid_model(), {
 
 
 def fastest_on_drives(period, changes):
-    """Return the words, and largest and last speed of an arm on drives with late torques."""
+    """Return the words, and the largest and last speed of an arm on drives."""
     values = node_values({'mode': 'motor_side', **changes})
     robot = Robot(with_rigid_joints(DRIVEN))
     laws = TaskModes(robot, values, DRIVEN).laws
@@ -220,8 +220,9 @@ def fastest_on_drives(period, changes):
     arm = ElasticArm(elastic)
     measured = arm.links if values['drives.sensor_side'] == 'link' else arm.motors
     # At rest, with the deflections of gravity.
-    command = elastic.compiled(arm.motor_command, motion=(5, 3), name='command', shape=(5, 3))(
-        np.vstack([q, np.zeros((4, 3))]))
+    kernel = elastic.compiled(arm.motor_command, motion=(5, 3), name='command',
+                              shape=(5, 3))
+    command = kernel(np.vstack([q, np.zeros((4, 3))]))
     state = np.zeros((2, elastic.n))
     state[0, arm.links] = q
     state[0, arm.motors] = command[0]

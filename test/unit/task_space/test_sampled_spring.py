@@ -27,7 +27,8 @@ def test_a_delayed_damper_grows_by_the_root_of_its_share_of_a_period(ratio):
 
 def test_springs_of_the_arm_itself_act_without_a_delay():
     """Two masses on a spring, of which one is held: small steps of the motion itself."""
-    own = JointSpring(9e3 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.zeros((2, 2)), False)
+    own = JointSpring(9e3 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.zeros((2, 2)),
+                      False)
     inertia = np.diag([2.0, 0.5])
     late = JointSpring(np.array([[0.0, 0.0], [0.0, 300.0]]),
                        np.array([[0.0, 0.0], [12.0, 0.0]]), False)
