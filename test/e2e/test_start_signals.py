@@ -40,9 +40,11 @@ sys.exit(importlib.import_module('{node}').main())
 
 def started(*command):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+
     # Jobs in the background of a shell inherit an ignored SIGINT.
     def reset():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+
     return subprocess.Popen([sys.executable, *command], env=environment,
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                             preexec_fn=reset)
