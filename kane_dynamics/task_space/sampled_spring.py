@@ -11,7 +11,8 @@ late. With the inertia M of the independent speeds, a spring K and a damper D,
 and motion grows if an eigenvalue of this map lies outside of the unit circle. Of one mass
 without a spring the damper alone has to satisfy d T < m. The springs of elastic joints act
 without a delay: the first two rows are then those of the matrix exponential of the arm.
-Source: Astrom and Wittenmark, "Computer-Controlled Systems", section 3.2: sampling of systems with a delay.
+Source: Astrom and Wittenmark, "Computer-Controlled Systems", section 3.2: sampling of
+systems with a delay.
 """
 
 from typing import NamedTuple
