@@ -31,7 +31,7 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test install-test test-slow soak bench kernel-sizes llvm-texts picture lint docs docs-test colcon-test clean FORCE
+.PHONY: help install demo test install-test test-slow soak mutants bench kernel-sizes llvm-texts picture lint docs docs-test colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
@@ -39,6 +39,7 @@ help:
 	@echo 'make test         tests, a quarter of an hour: library, torque path, services'
 	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
+	@echo 'make mutants      small defects in changed files, each against its nearest tests'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
 	@echo 'make llvm-texts   the C sources of the package as LLVM text, by clang 15'
@@ -162,6 +163,10 @@ test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
 	$(ROS_ENV) HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n auto --dist worksteal \
 	  --timeout 3600 test/property $(PYTEST_ARGS)
+
+# MUTANTS='--since main~20 --seed 3': other files, other mutants.
+mutants: install
+	$(ROS_ENV) $(BIN)/python tools/mutants.py $(MUTANTS)
 
 $(VENV)/.bench: $(VENV)/.dependencies
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py --extra bench

@@ -36,6 +36,11 @@ SPEED_NOISE = 0.05
 FARTHEST = 1e9
 COMPARISONS = 3.0  # of speeds in that time, so that one state alone never contradicts
 DERIVED_WITHIN = 0.01  # time constant of speeds that are derived from positions, s
+# Speeds by a constant factor: over a longer time, differences in the direction of motion may
+# be a share of the path and a time by which speeds are late, s. A filter adds nothing to them.
+FACTOR_WINDOW = 10.0
+FACTOR_SHARE = 0.25
+LATEST = 0.1
 LATE_SHARE = 0.5  # of the distance by the measured speeds, by which a stamp may be wrong
 
 
@@ -73,6 +78,9 @@ class StateMemory(NamedTuple):
     deviation, path : (n,) arrays
         By how much the positions moved farther than the speeds say, and how far they moved
         by the larger of both, in the last `SPEED_WINDOW`, rad or m.
+    excess, travel : (n,) arrays
+        By how much the positions moved farther in the direction of the speeds than these
+        say, and how far they moved by these, in the last `FACTOR_WINDOW`, rad or m.
     wrong : (n,) array
         Whether the speeds of each joint have contradicted its positions since the start.
     derived : (n,) array
@@ -97,6 +105,8 @@ class StateMemory(NamedTuple):
     compared: Vector
     deviation: Vector
     path: Vector
+    excess: Vector
+    travel: Vector
     wrong: Vector
     derived: Vector
     trusted: Vector
@@ -119,7 +129,8 @@ class StateMemory(NamedTuple):
         still = 0.0 * self.jumped
         return self._replace(known=0.0, stamp=NEVER, frozen_at=NEVER, confirmed=0.0,
                              jumped=still, compared_at=NEVER, comparisons=0.0,
-                             deviation=still, path=still, wrong=still)
+                             deviation=still, path=still, excess=still, travel=still,
+                             wrong=still)
 
     def kept(self, moment: Scalar, state: Vector) -> 'StateMemory':
         """Return the memory with a state, and its stamp, ns."""
@@ -136,7 +147,7 @@ class StateMemory(NamedTuple):
 
 ACCEPTED_AT = StateMemory._fields.index('accepted')
 CONFIRMED = StateMemory._fields.index('confirmed')
-SIZES = (2, 1, 1, 2, 1, 1, 1, 1, 1)  # of the arrays, in joints
+SIZES = (2, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1)  # of the arrays, in joints
 
 
 def state_memory_size(n: int) -> int:
@@ -294,13 +305,16 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
     The mean of two speeds times the time between them is the distance between both
     positions, but for noise, and for a filter that lets speeds come late. Sums over a window
     have neither: speeds that are always zero, of the wrong sign or in another unit differ
-    from the positions by half of the path and more.
+    from the positions by half of the path and more. A constant factor between 0.5 and 2 shows
+    over a longer time, in the direction of the speeds: a filter of first order leaves this sum
+    at zero, because it makes speeds smaller by as much as it makes them late.
     """
     q, u = np.split(state, 2)
     q_last, u_last = np.split(memory.compared, 2)
     _, _, _, slope, step = np.split(settings.bounds, 5)
     gap = (moment - memory.compared_at) / NANO
     left = SPEED_WINDOW / (SPEED_WINDOW + gap)
+    left_long = FACTOR_WINDOW / (FACTOR_WINDOW + gap)
     # After a pause the speeds between are not known.
     counts = flag(gap > 0.0) * flag(NANO * gap < settings.longest_gap)
     comparisons = left * (memory.comparisons + counts)
@@ -320,7 +334,14 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
         compared = near * (1.0 - absent[j])
         deviation = left * (memory.deviation[j] + either(compared, away, 0.0))
         path = left * (memory.path[j] + either(near, clipped(farther, 0.0, most), 0.0))
-        wrong = flag(step[j] + LATE_SHARE * path < _size(deviation))
+        # The same over a longer time, of speeds above the noise.
+        moves = compared * flag(SPEED_NOISE * slope[j] * gap < _size(predicted))
+        along = select(predicted < 0.0, -away, away)
+        excess = left_long * (memory.excess[j] + either(moves, along, 0.0))
+        travel = left_long * (memory.travel[j] + either(moves, _size(predicted), 0.0))
+        largest = step[j] + LATEST * slope[j] + FACTOR_SHARE * travel
+        wrong = either(flag(step[j] + LATE_SHARE * path < _size(deviation)), 1.0,
+                       flag(largest < _size(excess)))
         wrong = either(memory.wrong[j], 1.0, wrong * enough * settings.compares_speeds)
         # Speeds from the positions, smoothed, from the first of them on.
         share = gap / (gap + DERIVED_WITHIN)
@@ -334,11 +355,11 @@ def with_compared_speeds(memory: StateMemory, moment: Scalar, state: Vector,
         mean = 0.5 * (u[j] + u_last[j])
         is_alone = is_alone * flag(0.5 * noise < _size(rate - mean))
         trusted = either(either(wrong, 1.0, is_alone), derived, u[j])
-        rows.append([deviation, path, wrong, derived, trusted])
-    deviations, paths, wrong, derived, trusted = np.array(rows).T
+        rows.append([deviation, path, excess, travel, wrong, derived, trusted])
+    deviations, paths, excesses, travels, wrong, derived, trusted = np.array(rows).T
     return memory._replace(compared_at=moment, comparisons=comparisons, compared=state,
-                           deviation=deviations, path=paths, wrong=wrong,
-                           derived=derived, trusted=trusted)
+                           deviation=deviations, path=paths, excess=excesses,
+                           travel=travels, wrong=wrong, derived=derived, trusted=trusted)
 
 
 def _size(x: Scalar) -> Scalar:

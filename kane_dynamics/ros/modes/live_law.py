@@ -86,7 +86,7 @@ class LiveLaw(ModeLaw, Protocol):
         return {}
 
     def sprung_arm(self, robot: Robot, q: Array) -> SprungArm:
-        """Return what `springs` move: the robot of the torque path, unless a law has another."""
+        """Return the arm that `springs` move; by default that of the torque path."""
         return SprungArm(robot.mass_matrix(q), tuple(robot.speed_names))
 
 

@@ -99,6 +99,58 @@ def test_the_speeds_of_real_drivers_are_no_lie(driver, name):
     assert run.path.false_speeds == () and not run.statistics.dropped
 
 
+def wrong_speeds(q, change, rate, fastest=2.6):
+    """Return which joints' speeds are called wrong in a motion (K, n), changed by joint."""
+    n = q.shape[1]
+    u = np.gradient(q, 1.0 / rate, axis=0)
+    measured, stated = change(q, u)
+    ones = np.ones(n)
+    bounds = np.concatenate([-100.0 * ones, 100.0 * ones, 1.2 * fastest * ones,
+                             1.2 * fastest * ones, (0.01 + 0.0024 * fastest) * ones])
+    period = NANO / rate
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0, np.zeros(n),
+                             bounds)
+    memory = StateMemory.empty(n)
+    for k, state in enumerate(np.hstack([measured, stated])):
+        _, memory = judged(memory, k * period, state, settings)
+        memory = memory.kept(k * period, state)
+    return memory.wrong.astype(bool)
+
+
+def swings(rate, duration, frequencies):
+    """Return motions that stop and turn, with the largest speed 1 rad/s, (K, n)."""
+    t = np.arange(0.0, duration, 1.0 / rate)[:, None]
+    frequencies = np.array(frequencies)
+    return np.sin(2.0 * np.pi * frequencies * t) / (2.0 * np.pi * frequencies)
+
+
+def test_speeds_by_a_constant_factor_are_found():
+    factors = np.array([0.5, 0.6, 1.6, 1.9, 1.0])
+    for frequency in (0.2, 1.0):
+        q = swings(100, 10.0, [frequency] * len(factors))
+        wrong = wrong_speeds(q, lambda q, u: (q, factors * u), 100)
+        assert wrong.tolist() == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize('rate', [100, 400])
+def test_filters_delays_noise_and_resolution_are_no_factor(rate):
+    rng = np.random.default_rng(2)
+
+    def change(q, u):
+        q, u = q.copy(), u.copy()
+        for j, within in ((0, 0.05), (1, 0.1), (2, 0.05)):  # filters of first order
+            for k in range(1, len(u)):
+                u[k, j] = u[k - 1, j] + (u[k, j] - u[k - 1, j]) / (1.0 + within * rate)
+        u[:, 3] = np.roll(u[:, 3], round(0.05 * rate))
+        q[:, 4:6] = np.round(q[:, 4:6] / 1e-3) * 1e-3
+        q[:, 6:] += rng.normal(0.0, 3e-4, q[:, 6:].shape)
+        u[1:, 5:] = np.diff(q[:, 5:], axis=0) * rate
+        return q, u
+    q = swings(rate, 12.0, [0.3, 0.3, 1.0, 1.0, 0.2, 0.2, 0.2, 1.0])
+    q[:, 7] = 0.0  # at rest
+    assert not wrong_speeds(q, change, rate).any()
+
+
 @pytest.mark.parametrize('rate', [50, 100, 125, 500])
 def test_exact_speeds_are_used_as_they_are_however_fast_they_change(rate):
     fastest = 4.0
@@ -141,7 +193,7 @@ def test_states_of_a_recorded_arm_are_accepted_and_lies_are_found(recording, urd
             path.on_state(serialize_message(message))
         return path.false_speeds, path.statistics.dropped
     assert false_speeds(1.0) == ((), {})
-    for factor in (0.0, -1.0):
+    for factor in (0.0, -1.0, 0.5, 1.9):
         wrong, _ = false_speeds(factor)
         assert set(wrong) >= set(joints[:3])
 
