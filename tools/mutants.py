@@ -103,7 +103,7 @@ def mutants(path: Path) -> Iterator[Mutant]:
 
 
 def nearest_tests(mutant: Mutant) -> list[str]:
-    """Return the unit tests that name the module, its function or its classes most often."""
+    """Return the tests that name the module, its function or its classes most often."""
     stem = mutant.path.stem
     names = re.findall(r'^class (\w+)', mutant.path.read_text(), re.MULTILINE)
     words = re.compile(rf'\b({"|".join([stem, mutant.function, *names])})\b')

@@ -100,7 +100,7 @@ def test_the_speeds_of_real_drivers_are_no_lie(driver, name):
 
 
 def wrong_speeds(q, change, rate, fastest=2.6):
-    """Return which joints' speeds are called wrong in a motion (K, n), changed by joint."""
+    """Return whose speeds are called wrong in a motion, (K, n), changed by joint."""
     n = q.shape[1]
     u = np.gradient(q, 1.0 / rate, axis=0)
     measured, stated = change(q, u)
@@ -108,8 +108,8 @@ def wrong_speeds(q, change, rate, fastest=2.6):
     bounds = np.concatenate([-100.0 * ones, 100.0 * ones, 1.2 * fastest * ones,
                              1.2 * fastest * ones, (0.01 + 0.0024 * fastest) * ones])
     period = NANO / rate
-    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0, np.zeros(n),
-                             bounds)
+    settings = CheckSettings(0.1 * NANO, 0.05 * NANO, 1.5 * period, 1.0, 1.0,
+                             np.zeros(n), bounds)
     memory = StateMemory.empty(n)
     for k, state in enumerate(np.hstack([measured, stated])):
         _, memory = judged(memory, k * period, state, settings)
