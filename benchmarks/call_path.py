@@ -9,6 +9,7 @@ by module. The exit status is 1 if a call passes more than `MOST` says.
 
 import argparse
 from collections import defaultdict
+from itertools import chain
 import os
 from pathlib import Path
 import sys
@@ -23,6 +24,8 @@ MOST = {
     'simulate, tree': (41, 291),
     'simulate, four-bar': (52, 427),
     'time_optimal, UR10e': (40, 306),
+    'node: configure, warm': (80, 450),
+    'node: joint stiffness': (12, 40),
 }
 
 
@@ -74,6 +77,29 @@ def first_calls():
     yield 'time_optimal, UR10e', lambda: time_optimal(simulated_arm, waypoints)
 
 
+def node_calls():
+    """Yield two calls of a node in this process, whose kernels are on disk already."""
+    try:
+        import rclpy
+    except ImportError:
+        return
+    from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+    from rclpy.parameter import Parameter
+    parameters = (f'urdf:={ROOT}/urdf/two_link.urdf', 'arm_compensates:=none',
+                  'mode:=joint_impedance')
+    rclpy.init(args=['--ros-args', *[x for one in parameters for x in ('-p', one)]])
+    node = DynamicsNode()
+    node.trigger_configure()
+    node.trigger_cleanup()
+    yield 'node: configure, warm', node.trigger_configure
+    node.trigger_activate()
+    node.set_parameters([Parameter('joint_impedance.stiffness', value=80.0)])
+    stiffer = Parameter('joint_impedance.stiffness', value=90.0)
+    yield 'node: joint stiffness', lambda: node.set_parameters([stiffer])
+    node.halt()
+    rclpy.shutdown()
+
+
 def main():
     """Print a line a call."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -81,7 +107,7 @@ def main():
     arguments = parser.parse_args()
     sys.path[:0] = [str(ROOT), str(ROOT / 'examples')]
     exceeded = False
-    for name, call in first_calls():
+    for name, call in chain(first_calls(), node_calls()):
         # An empty cache on disk each: what an earlier call compiled must not shorten
         # this one.
         with tempfile.TemporaryDirectory() as cache:

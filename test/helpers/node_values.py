@@ -37,6 +37,12 @@ def monitor_values(changes):
     return values
 
 
+def update_laws(modes, values):
+    """Use parameters in all laws; return whether the law of the mode changes."""
+    changed = {mode: law.update(values) for mode, law in modes.laws.items()}
+    return changed.get(values['mode'], False)
+
+
 def served_robot(robot, changes=None, measured=lambda: None, speeds=lambda: None):
     """Return a robot as the services have it, with parameters by name."""
     robot = robot.copy()

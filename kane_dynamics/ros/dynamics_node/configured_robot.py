@@ -42,7 +42,7 @@ from kane_dynamics.ros.loads.gravity_payload import (checked_payload, GravityAnd
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.modes.cartesian_mode import CartesianMode
 from kane_dynamics.ros.modes.stability import instability
-from kane_dynamics.ros.modes.task_modes import TaskModes
+from kane_dynamics.ros.modes.task_modes import GROUPS, TaskModes
 from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_types,
                                                          SceneRequest)
 from kane_dynamics.ros.monitors.drift_watch import DriftWatch
@@ -51,6 +51,7 @@ from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
+from kane_dynamics.ros.parameters.live_parameters import Owner, owners_of
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.services.request_kernels import (ANSWERS, compile_answers,
@@ -127,6 +128,8 @@ class ConfiguredRobot:
         What computes the commands: native, or python with the reason.
     drift : DriftWatch or None
         Of an arm that can be commanded.
+    owners : list of Owner
+        The parts that read live parameters.
     left_mode : str
         Why the node ended the feedback of a mode; empty once a mode is set or the path
         starts.
@@ -336,6 +339,7 @@ class ConfiguredRobot:
         if isinstance(self.path, NativeTorquePath):
             self.path.compile()
         # Gravity of a mobile base comes from its IMU.
+        self.path.set_loads(self.loads)
         self._distribute()
         if self.gravity_source is not None:
             imu = server.create_subscription(
@@ -346,6 +350,7 @@ class ConfiguredRobot:
             self._open_transforms(self._transforms, opened)
         if values['attached_objects.topic']:
             self._open_scene(values['attached_objects.topic'], opened)
+        self.owners = self._owners_of_parameters()
 
     def _open_transforms(self, transforms: TransformTree, opened: ExitStack) -> None:
         """Subscribe to the transforms of tf2, in the services' thread."""
@@ -567,16 +572,12 @@ class ConfiguredRobot:
 
     def check(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Raise InputError unless parameters, of which `changed` are set, fit."""
-        # Each group of parameters is checked by the part that uses it.
-        path_settings(values, self.robot)
-        self.modes.check(values)
-        speed_limits(self.robot, values)
-        FillSettings.from_values(values, self.robot.joint_names)
-        loads = parameter_loads(self.robot.model, values)
-        if any(name in changed for name in PAYLOAD):
-            self._require_carried(loads.payload, self._attached_payload)
-        check_optional_topics(values, self.robot)
+        for owner in owners_of(self.owners, changed):
+            owner.check(values)
         check_live_limits(self.path, self.robot, self.values, values, changed)
+        if any(name in changed for name in PAYLOAD):
+            loads = parameter_loads(self.robot.model, values)
+            self._require_carried(loads.payload, self._attached_payload)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity': new value; expected none while "
@@ -675,33 +676,57 @@ class ConfiguredRobot:
         self.values = values
         if 'mode' in changed and values['mode'] != str(Mode.GRAVITY_COMPENSATION):
             self.left_mode = ''
-        # The order: motion, closed loops, laws, then limits and loads.
         self._loads_topic.new_parameters()
         if previous['mode'] != values['mode'] and self.path.active_motion.clear(
                 'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
-        if self.path.loops is not None:
-            self.path.loops.update(values)
-        if self.modes.update(values):
-            self.path.blend()
-        self.path.controller.update(**path_settings(values, self.robot))
-        self.path.set_limits(values)
-        # Inputs and monitors that have settings of their own.
-        if self._targets is not None:
-            self._targets.update(values)
-        self.optional_topics.update(values)
+        for owner in owners_of(self.owners, changed):
+            owner.use(values)
         # Only loads whose parameters changed, since services set them too.
-        loads = parameter_loads(self.robot.model, values)
         changes: dict[str, Any] = {}
         if not np.array_equal(previous['gravity'], values['gravity']):
-            changes['gravity'] = loads.gravity
+            changes['gravity'] = values['gravity']
         if any(name in changed for name in PAYLOAD):
-            self._stated_payload = loads.payload
+            self._stated_payload = parameter_loads(self.robot.model, values).payload
             changes['payload'] = self._whole_payload()
             self._payload_from_service = False
         self._change(**changes)
+
+    def _owners_of_parameters(self) -> list[Owner]:
+        """Return the parts that read live parameters, in the order in which they change."""
+        robot, path, modes = self.robot, self.path, self.modes
+        owners = []
+        # Closed loops and laws, then the controller, limits and loads.
+        if path.loops is not None:
+            owners.append(Owner({'closure'}, bool, path.loops.update))
+        owners.append(Owner({'mode'}, modes.check_mode))
+        for mode, law in modes.laws.items():
+            owners.append(Owner(GROUPS[mode], law.check, partial(self._update_law, mode)))
+        owners += [
+            Owner({'mode', 'gains', 'limits', 'blend_time'},
+                  lambda values: path_settings(values, robot),
+                  lambda values: path.controller.update(**path_settings(values, robot))),
+            Owner({'mode', 'limits', 'state_timeout', 'state_check'},
+                  lambda values: speed_limits(robot, values), path.set_limits),
+            Owner({'feedforward', 'limits'},
+                  lambda values: FillSettings.from_values(values, robot.joint_names)),
+            Owner({'mode', 'limits', 'wrench', 'observer', 'efforts', 'state_timeout',
+                   'payload', 'attached_objects'},
+                  lambda values: check_optional_topics(values, robot),
+                  self.optional_topics.update),
+            Owner({'gravity', 'payload'},
+                  lambda values: parameter_loads(robot.model, values))]
+        if self._targets is not None:
+            owners.append(Owner({'target', 'cartesian'}, bool, self._targets.update))
         if self.attached_objects is not None:
-            self.attached_objects.update(values)
+            owners.append(Owner({'attached_objects', 'payload'}, bool,
+                                self.attached_objects.update))
+        return owners
+
+    def _update_law(self, mode: Mode, values: Mapping[str, Any]) -> None:
+        """Use checked parameters in a law; blend the torques if it is that of the mode."""
+        if self.modes.laws[mode].update(values) and mode == values['mode']:
+            self.path.blend()
 
     def set_payload(self, request: Any) -> None:
         """
@@ -771,12 +796,13 @@ class ConfiguredRobot:
         """Replace some of the loads and pass loads and parameters to all threads."""
         # Both locks in the order of `update`, which changes loads among other things.
         with self.path.one_change(), self._lock:
-            self.loads = replace(self.loads, **changes)
+            if changes:
+                self.loads = replace(self.loads, **changes)
+                self.path.set_loads(self.loads)
             self._distribute()
 
     def _distribute(self) -> None:
-        """Pass loads and parameters to the torque path and the services."""
-        self.path.set_loads(self.loads)
+        """Pass loads and parameters to the services and other nodes."""
         self._loads_topic.publish(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot(self._for_requests, self._for_simulations,

@@ -20,6 +20,11 @@ LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], LiveLaw]] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
     Mode.CARTESIAN_IMPEDANCE: CartesianMode,
     Mode.HAND_GUIDING: HandGuidingMode}
+# The groups of live parameters that each law reads
+GROUPS = {Mode.JOINT_IMPEDANCE: {'joint_impedance'},
+          Mode.CARTESIAN_IMPEDANCE: {'cartesian', 'walls', 'target', 'limits'},
+          Mode.HAND_GUIDING: {'hand_guiding', 'walls', 'observer', 'limits'},
+          Mode.MOTOR_SIDE: {'drives'}}
 # Modes whose law also runs on the native torque path.
 NATIVE_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
 
@@ -68,21 +73,14 @@ class TaskModes:
                 except KaneError as error:
                     raise type(error)(f'mode {mode}: {error}') from None
 
-    def check(self, values: Mapping[str, Any]) -> None:
-        """Raise InputError unless mode and settings fit the arm."""
+    def check_mode(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless the law of the mode is compiled."""
         mode = values['mode']
         if mode not in OWN_MODES and mode not in self.laws:
             available = ', '.join((*OWN_MODES, *self.laws))
             raise InputError(f"parameter 'mode': '{mode}'; expected one of {available}, "
                              "or to configure the node with it in parameter 'modes', "
                              'which compiles its law')
-        for law in self.laws.values():
-            law.check(values)
-
-    def update(self, values: Mapping[str, Any]) -> bool:
-        """Use checked parameters; return whether the law of the mode changes."""
-        changed = {mode: law.update(values) for mode, law in self.laws.items()}
-        return changed.get(values['mode'], False)
 
     def compile(self) -> None:  # noqa: A003
         """Compile the torques of all laws."""

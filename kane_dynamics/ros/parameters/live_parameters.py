@@ -5,7 +5,7 @@ A set of changes is applied as a whole or not.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.parameters.parameter_checks import (declare, parameter_text, read,
@@ -16,6 +16,32 @@ import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+
+class Owner(NamedTuple):
+    """
+    A part of a node that uses some of its parameters.
+
+    Attributes
+    ----------
+    groups : set of str
+        The first parts of the names of the live parameters that it reads.
+    check : callable
+        Raises KaneError unless new values of all parameters fit.
+    use : callable
+        Uses checked values.
+
+    """
+
+    groups: set[str]
+    check: Callable[[Mapping[str, Any]], object]
+    use: Callable[[Mapping[str, Any]], object] = bool
+
+
+def owners_of(owners: Sequence[Owner], changed: Collection[str]) -> list[Owner]:
+    """Return the owners that read some of the changed parameters, in their order."""
+    groups = {name.partition('.')[0] for name in changed}
+    return [owner for owner in owners if owner.groups & groups]
 
 
 class LiveParameters:

@@ -35,7 +35,7 @@ from kane_dynamics.ros.torque_path.drop_reasons import LEARNED  # noqa: E402
 from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
 from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
-from node_values import node_values  # noqa: E402
+from node_values import node_values, update_laws  # noqa: E402
 
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
 ROBOT = Robot(MODEL)
@@ -138,7 +138,8 @@ class Pair(BothPaths):
                 name: self.values[name] for name in CHANGED}
         for side in self.sides:
             side.path.controller.update(kp=kp)
-            if side.modes.update(self.values | {'mode': side.path.controller.mode}):
+            values = self.values | {'mode': side.path.controller.mode}
+            if update_laws(side.modes, values):
                 side.path.blend()
             side.path.set_limits(self.values)
 
@@ -354,7 +355,7 @@ def test_a_posture_that_equals_the_default_is_blended_in():
          'cartesian.posture_stiffness': [30.0, 30.0]}) | {
         name: pair.values[name] for name in CHANGED}
     for side in pair.sides:
-        if side.modes.update(pair.values):
+        if update_laws(side.modes, pair.values):
             side.path.blend()
         side.path.set_limits(pair.values)
     for _ in range(20):

@@ -52,3 +52,47 @@ def test_a_change_of_mode_during_a_motion_is_one_plan():
                           text=True, timeout=100, cwd=Path(__file__).parents[3])
     assert done.stdout.strip() == "True  [('gravity_compensation', False, True)]", (
         done.stdout + done.stderr)
+
+
+OWNERS = """
+import rclpy
+from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+from kane_dynamics.ros.parameters.live_parameters import owners_of
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME
+
+given = ('urdf:=URDF', 'arm_compensates:=none', 'mode:=computed_torque',
+         'modes:=[joint_impedance, cartesian_impedance, hand_guiding]',
+         'observer.enabled:=true', 'observer.threshold:=9.0', 'wrench.frames:=[tip]',
+         'payload.frame:=tip')
+# Read where they are used: at a request, a goal, a timer.
+LATER = {'trajectory', 'simulation', 'diagnostics_rate', 'closure', 'drives'}
+rclpy.init(args=['--ros-args', *[x for one in given for x in ('-p', one)]])
+node = DynamicsNode()
+node.trigger_configure()
+live = {name: name.partition('.')[0] for name, spec in BY_NAME.items() if spec.live}
+
+class Noting(dict):
+    def __getitem__(self, name):
+        noted.add(live.get(name))
+        return super().__getitem__(name)
+
+for owner in node.arm.owners:
+    noted = {None}
+    for act in (owner.check, owner.use):
+        act(Noting(node.values))
+    if not noted - {None} <= owner.groups:
+        print(owner.groups, 'does not name', noted - owner.groups)
+for name, group in live.items():
+    if group not in LATER and not owners_of(node.arm.owners, [name]):
+        print('no owner of', name)
+print('examined', len(node.arm.owners))
+rclpy.shutdown()
+"""
+
+
+def test_each_part_names_the_groups_of_parameters_that_it_reads():
+    """A change of one that it does not name would not reach it."""
+    program = OWNERS.replace('URDF', str(resource_path('urdf', 'two_link.urdf')))
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True,
+                          text=True, timeout=100, cwd=Path(__file__).parents[3])
+    assert done.stdout.strip() == 'examined 10', done.stdout + done.stderr

@@ -25,7 +25,7 @@ from kane_dynamics.ros.parameters.parameter_table import LAW_MODES  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import (path_controller,  # noqa: E402
                                                            path_settings)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from node_values import node_values  # noqa: E402
+from node_values import node_values, update_laws  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
@@ -93,9 +93,10 @@ class Rig:
         dotted = {name.replace('__', '.'): value for name, value in changes.items()}
         checked = node_values(dotted)
         new = self.values | {name: checked[name] for name in dotted}
-        self.modes.check(new)
+        for law in self.modes.laws.values():
+            law.check(new)
         self.values = new
-        if self.modes.update(new):
+        if update_laws(self.modes, new):
             self.path.blend()
         self.controller.update(**path_settings(new, self.robot))
         self.path.set_limits(new)
