@@ -93,6 +93,7 @@ class Rig:
         dotted = {name.replace('__', '.'): value for name, value in changes.items()}
         checked = node_values(dotted)
         new = self.values | {name: checked[name] for name in dotted}
+        self.modes.check_mode(new)
         for law in self.modes.laws.values():
             law.check(new)
         self.values = new
