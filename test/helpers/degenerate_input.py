@@ -5,7 +5,6 @@ Degenerate but finite, and invalid, arguments for everything that users may call
 replaces one of them by others. `outcome` says what is wrong with a call.
 """
 
-from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -443,19 +442,6 @@ def _is_row(value):
     return (isinstance(value, (tuple, list)) and len(value) > 0
             and np.asarray(value, dtype=object).dtype.kind in 'Oif'
             and all(_is_number(x) or _is_row(x) for x in value))
-
-
-class Sequenced(Sequence):
-    """A sequence that is neither a list nor an array."""
-
-    def __init__(self, values):
-        self.values = values
-
-    def __getitem__(self, k):
-        return self.values[k]
-
-    def __len__(self):
-        return len(self.values)
 
 
 def same(value):

@@ -106,20 +106,6 @@ def large_motion(seed, gains):
     return torque
 
 
-def small_vibration(seed, size, center, gains, links=None):
-    """Return a torque law that shakes the motors at a configuration, 3 to 30 Hz."""
-    rng = np.random.default_rng(seed)
-    frequency = 2.0 * math.pi * np.geomspace(3.0, 30.0, 40)
-    phase = rng.uniform(0.0, 2.0 * math.pi, (2, 40))
-    weight = (links or SerialLinks()).gravity(*center)
-
-    def torque(t, theta, speed):
-        shaken = np.sin(frequency * t + phase).sum(axis=1)
-        return [weight[k] + size[k] * shaken[k] + gains[k] * (center[k] - theta[k])
-                for k in range(2)]
-    return torque
-
-
 def softening(first, last, level, sharpness=0.1):
     """
     Return a spring of stiffness `first`, beyond a torque `level` of stiffness `last`.

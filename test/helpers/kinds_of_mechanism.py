@@ -25,7 +25,6 @@ JOINT = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5,
          'rest': 0.1, 'limits': Limits(-6.0, 6.0, 20.0, 200.0)}
 ARM = ('upper', 'fore')
 LOOP = ('crank', 'coupler', 'rocker')
-CART = ('cart/x', 'cart/y', 'cart/rz')
 
 
 @dataclass(frozen=True, eq=False)

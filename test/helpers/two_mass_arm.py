@@ -94,10 +94,6 @@ class TwoMassArm:
         mujoco.mj_forward(self.model, self.data)
         return np.asarray(self.data.qacc[self._u])
 
-    def bias_forces(self) -> Array:
-        """Return Coriolis, centrifugal and gravity forces at the present state, (n,)."""
-        return np.array(self.data.qfrc_bias[self._u])
-
     def step(self, tau: Array, count: int = 1) -> None:
         """Advance by steps under held torques, (n,), of links and motors, N m."""
         self.data.qfrc_applied[self._u] = tau

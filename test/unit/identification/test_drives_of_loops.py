@@ -13,7 +13,6 @@ import pytest
 NUMBERS = 'stiffness', 'damping', 'rotor_inertia'
 LINKS = Parallelogram()
 SEEDS = 40
-CENTER = 0.4, 0.5
 
 
 @pytest.fixture(scope='module')

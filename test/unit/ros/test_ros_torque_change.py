@@ -30,7 +30,6 @@ ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
 RATE = 100.0  # N m/s
 PERIOD = 2 * MS  # of the states, ns; they come up to a tenth earlier or later
 REGULAR = 12  # states between two faults
-LATEST = 100 * MS  # of state_timeout
 
 
 def simple_path(make):
