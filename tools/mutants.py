@@ -109,7 +109,7 @@ def nearest_tests(mutant: Mutant) -> list[str]:
     words = re.compile(rf'\b({"|".join([stem, mutant.function, *names])})\b')
     scores = []
     for test in (ROOT / 'test').rglob('test_*.py'):
-        if test.parent.name not in ('e2e', 'docs', 'installation'):
+        if test.parent.name not in ('docs', 'installation') and 'node' not in test.stem:
             text = test.read_text()
             score = len(words.findall(text)) + 20 * (stem in test.stem)
             score += 5 * len(re.findall(rf'\b{stem} import', text))

@@ -6,17 +6,14 @@ from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars,
                                rolling_disc, rolling_pair, ROLLING_TESTED, states, T,
                                tree, two_bodies_on_a_base)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.constraints import (Closure, Coupling, knife_edge,
-                                                 PointVelocity, Rolling)
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.constraints.speeds import (absolute_rates,
-                                                        body_angular_velocity)
+from kane_dynamics.mechanics.constraints.speeds import (body_angular_velocity)
 from kane_dynamics.mechanics.definition import kinematics, nonholonomic
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame, WORLD
-from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -108,34 +105,6 @@ def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
     J = np.array(mechanism.rows(mechanism.state(q, T)).J, dtype=float)
     np.testing.assert_allclose(motor + J.T @ forces, needed, rtol=0.0,
                                atol=1e-10 * np.abs(needed).max())
-
-
-def test_a_constrained_arm_costs_less_than_three_plain_ones():
-    model = random_model(11, 6, branching=0.0, prismatic=0.0)
-    plain = TreeEquations(model)
-    tip = model.frames[-1].name
-
-    def operations(equations, n):
-        def forward(q, u, tau, parameters):
-            return equations.forward_dynamics(q, u, tau, None, parameters)
-        count = trace_program(
-            'forward', forward, [('q', (6,)), ('u', (n,)), ('tau', (n,)),
-                                 ('parameters', (3,))]).operation_count()
-        return count.multiplications + count.additions
-    cost = operations(plain, 6)
-    for speeds, constraints in ((None, (PointVelocity(tip, (0, 0, 1)),)),
-                                (None, (knife_edge(tip, (0, 1, 0)),)),
-                                (absolute_rates, ())):
-        mechanism = choose_independent(model, speeds, constraints)
-        bound = Equations(plain, mechanism)
-
-        class AtTimeZero:
-            """The same equations without the argument t."""
-
-            @staticmethod
-            def forward_dynamics(q, u, tau, wrench, parameters, bound=bound):
-                return bound.forward_dynamics(q, u, tau, wrench, parameters, 0.0)
-        assert operations(AtTimeZero, mechanism.n) < 3 * cost
 
 
 @pytest.mark.parametrize('kind', CLOSURES)

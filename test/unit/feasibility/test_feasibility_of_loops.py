@@ -6,8 +6,6 @@ import math
 
 from kane_dynamics import InputError, Limits, Motion, Robot, Speeds
 from kane_dynamics.feasibility import demand, fastest
-from kane_dynamics.feasibility.samples import NONE
-from kane_dynamics.feasibility.time_scale import SampledPath
 from linkages import at_angle, four_bar_model, PIN
 import numpy as np
 import pytest
@@ -63,10 +61,3 @@ def test_speeds_that_prescribe_a_velocity_cannot_be_scaled():
     with pytest.raises(InputError,
                        match='robot: speeds or constraints that are functions'):
         fastest(shifted, course)
-
-
-@pytest.mark.parametrize('friction, columns', [(1.5, 3), (0.0, 0)])
-def test_memory_of_closed_loops_grows_with_the_joints_that_have_coulomb_friction(
-        friction, columns):
-    path = SampledPath(linkage(friction=friction), COURSE, 0.01, math.inf, NONE)
-    assert path.shared.shape == (len(path.u), 3, columns)
