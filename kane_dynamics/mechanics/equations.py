@@ -643,33 +643,16 @@ class Equations:
         applied = self.shared_torques(q, tau, t)
         return self._row_forces(q, t, motion.N, force - applied)
 
-    def constraint_forces_of_motion(self, q: Vector, u: Vector, udot: Vector,
-                                    applied: Vector, motors: Vector, parameters: Vector,
-                                    t: Scalar = 0.0) -> Vector:
+    def row_forces_of_motion(self, q: Vector, v: Vector, vdot: Vector, applied: Vector,
+                             parameters: Vector, t: Scalar = 0.0) -> Vector:
         """
-        Return the force of every row, (m,), in a motion under given joint forces.
+        Return the force of every row, (m,), in a motion of the joints, v and v', (n_j,).
 
-        `applied`, (n_j,), are the forces of actuators, stops and others on the joints,
-        `motors`, (n_j,), those of the actuators, on which friction may depend.
+        `applied`, (n_j,), are the forces of actuators, friction, stops and others on the
+        joints.
         """
-        motion = self.joint_motion(q, u, udot, t)
-        # Load friction is the difference between the motors' torques and the loads.
-        if self.carries_loads:
-            rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
-                                             parameters)
-            loads = self.tree.drive_loads(motion.qdot, motors)
-            force = rigid + (motors - loads)
-        else:
-            force = self._joint_forces(q, motion, None, parameters, t)
-        return self._row_forces(q, t, motion.N, force - applied)
-
-    def constraint_forces_without_friction(self, q: Vector, u: Vector, udot: Vector,
-                                           applied: Vector, parameters: Vector,
-                                           t: Scalar = 0.0) -> Vector:
-        """Return `constraint_forces_of_motion` where `applied` has that of friction."""
-        motion = self.joint_motion(q, u, udot, t)
-        rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None, parameters)
-        return self._row_forces(q, t, motion.N, rigid - applied)
+        rigid = self.tree.rigid_dynamics(q, v, vdot, None, parameters)
+        return self._row_forces(q, t, self.at_rest(q, t).N, rigid - applied)
 
     def _row_forces(self, q: Vector, t: Scalar, N: Matrix,
                     joint_forces: Vector) -> Vector:

@@ -29,7 +29,6 @@ class CallableSteps(Steps):
                  in_time: bool) -> None:
         """Begin without samples."""
         super().__init__(steps.source, steps.rows)
-        self.changes = steps.changes
         self._steps, self._torque = steps, torque
         self._every, self._in_time = every, in_time
         self._samples: list[Array] = []
@@ -61,13 +60,9 @@ class CallableSteps(Steps):
 
     def _evaluated(self, state: Array, done: int) -> Array:
         """Return the torque at a state after `done` steps."""
-        q, u = self._steps.user_state(0, state, done)
+        q, u = self._steps.user_state(state)
         return evaluated_torque(self.robot, self._torque, self.start + done * self.step,
                                 q.copy(), u.copy())
-
-    def in_user_speeds(self, states: Array, done: int) -> Array:
-        """Return states of a chunk in the user's speeds."""
-        return self._steps.in_user_speeds(states, done)
 
     def exchange(self, states: Array, done: int) -> Exchange:
         """Return the torques that exchange energy, held during each step of the last chunk."""

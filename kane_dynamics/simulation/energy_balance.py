@@ -24,11 +24,12 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.motion_samples import motion_at, motion_kernel
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
-from kane_dynamics.simulation.presliding import (bristle_energies, bristle_friction,
-                                                 StateFriction)
+from kane_dynamics.simulation.presliding import bristle_energies
 from kane_dynamics.simulation.step_kernels import state_layout, times_of
 from kane_dynamics.simulation.step_size import bristle_frequency
+from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far
@@ -87,8 +88,8 @@ class EnergyBalance(Observer):
         Leave out the number of the simulation in the warning.
     cause : str, optional
         A known reason for errors, such as the warning of the step.
-    friction : StateFriction, optional
-        Set-valued friction in place of the smooth law.
+    friction : stepper.RowSteps, optional
+        Rows with modes, such as set-valued friction in place of the smooth law.
 
     Attributes
     ----------
@@ -107,27 +108,25 @@ class EnergyBalance(Observer):
     def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
                  start: float = 0.0, *, single: bool = True,
                  cause: str | None = None,
-                 friction: StateFriction | None = None) -> None:
+                 friction: Any = None) -> None:
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
         exact = friction is not None and friction.sticking
-        self._friction = friction
+        self._rows, self._exact = friction, exact
         self._bristle_frequency = 0.0  # rad/s, of the stiffest bristles
         if robot.equations.tree.bristles:
-            if friction is None:
-                self._friction = bristle_friction(robot)
             self._bristle_frequency = bristle_frequency(robot, states[0, :robot.n_q],
                                                         start)
         self._kernel = energy_kernel(robot, exact)
         self._parameters = robot.parameters.block.copy()
         self._tree = robot.equations.in_joint_rates
-        self._driven = None
-        if not self._tree:  # in joint rates nothing prescribes a motion
-            self._driven = driven_kernel(robot)
-        self._loaded = None
+        # What moving constraints do, and what loads add to friction, by held torques.
+        self._added_powers: list[Any] = []
+        if prescribes_motion(robot):
+            self._added_powers.append(self._driven_power)
         if robot.equations.carries_loads:
-            self._loaded = load_friction_kernel(robot, exact)
+            self._added_powers.append(self._load_power)
         # An implicit step damps high frequencies by design.
         vibrates = bool(robot.equations.tree.bristles)
         for body in robot.model.bodies:
@@ -143,8 +142,8 @@ class EnergyBalance(Observer):
 
     def look(self, chunk: Chunk) -> None:
         """Update the balance with the steps of a chunk."""
-        states, torques, impacts = chunk.energetics.exchange(chunk.states, chunk.done)
-        self.update(states, chunk.done, torques, impacts)
+        exchange = chunk.energetics.exchange(chunk.states, chunk.done)
+        self.update(chunk.states, chunk.done, *exchange)
 
     def update(self, states: Array, done: int, tau: Array | Power,
                impacts: Sequence[Impact] = ()) -> None:
@@ -172,7 +171,7 @@ class EnergyBalance(Observer):
         # Impacts, and moving constraints under changing torques, need every row. Else a
         # few rows are tried first, then more of them.
         skips = []
-        if not impacts and not (changing and (self._driven or self._loaded)):
+        if not impacts and not (changing and self._added_powers):
             rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
             skips = sorted({-(-count // rows), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
@@ -214,11 +213,10 @@ class EnergyBalance(Observer):
         else:
             # Moving constraints do work on the robot, and friction takes what loads add
             # to it.
-            for kernel, sign in ((self._driven, 1.0), (self._loaded, -1.0)):
-                if kernel is not None:
-                    begin, end = sign * self._power_at_ends(kernel, chosen, tau)
-                    work = work + 0.5 * h * (begin + end)
-                    input_power = input_power + np.concatenate([begin[:1], end])
+            for added_power in self._added_powers:
+                begin, end = self._power_at_ends(added_power, chosen, tau)
+                work = work + 0.5 * h * (begin + end)
+                input_power = input_power + np.concatenate([begin[:1], end])
         # The trapezoidal rule for what is known as a power.
         passive = 0.5 * h * (power[1:] + power[:-1])
         energy = kinetic + potential
@@ -245,12 +243,11 @@ class EnergyBalance(Observer):
         constant = tau.shape[1] == 1
         # Of constant torques the rows suffice; others need every step.
         x = chosen if constant else states
-        n_q, n = self.robot.n_q, self.robot.n
         if self._tree:  # u = q', so the work is exact for every step
-            moved = np.diff(x[:, :, :n], axis=1)
+            moved = np.diff(x[:, :, :self.robot.n], axis=1)
         else:
             h = self._step * np.diff(rows)[:, None] if constant else self._step
-            u = x[:, :, n_q:n_q + n]
+            u = speeds_in(self.robot, x)
             moved = 0.5 * h * (u[:, 1:] + u[:, :-1])
         work = _dot(tau, moved)
         # One entry for each step: add those between two chosen rows.
@@ -272,8 +269,7 @@ class EnergyBalance(Observer):
             ripple = min(1.0, 0.5 * (self._bristle_frequency * self._step)**2)
             uncertain = uncertain + _differences(bent, 2) + ripple * _differences(bent, 1)
         if not (callable(tau) or self._tree):
-            n_q, n = self.robot.n_q, self.robot.n
-            changes = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
+            changes = _differences(speeds_in(self.robot, states).swapaxes(0, 1), 2)
             uncertain = uncertain + self._step * _dot(np.abs(tau),
                                                       changes.swapaxes(0, 1))
         return uncertain
@@ -287,46 +283,36 @@ class EnergyBalance(Observer):
                          constants=self._parameters)
         return np.ascontiguousarray(terms.T)
 
-    def _power_at_ends(self, kernel: Kernel, states: Array, tau: Array) -> Array:
+    def _driven_power(self, states: Array, tau: Array) -> Array:
+        """
+        Return the power of moving constraints, (K, N), at states, (K, size), by torques.
+
+        The power of the motion's joint forces, less that of the motors.
+        """
+        robot = self.robot
+        motion = motion_at(robot, states, tau, times_of(robot, states), self._rows)
+        size = state_layout(robot).without_margin
+        of_joints = joint_power_kernel(robot)(np.ascontiguousarray(states[:, :size]),
+                                              motion.vdot, motion.friction)
+        power: Array = of_joints - np.sum(tau * speeds_in(robot, states), axis=1)
+        return power
+
+    def _load_power(self, states: Array, tau: Array) -> Array:
+        """Return the power of the friction that loads add, negative; as `_driven_power`."""
+        size = state_layout(self.robot).without_margin
+        kernel = load_friction_kernel(self.robot, self._exact)
+        power: Array = -kernel(np.ascontiguousarray(states[:, :size]), tau)
+        return power
+
+    def _power_at_ends(self, power: Any, states: Array, tau: Array) -> Array:
         """Return a power under held torques at both ends of each interval, (2, K, N)."""
-        if kernel is self._driven and self._friction is not None:
-            return self._driven_through_friction(states, tau)
-        # The power before and after each change of torque: both ends of every interval.
         # The torque of an interval is held: the power at its ends jumps where torques
         # do.
         shape = (len(states), states.shape[1] - 1)
-        torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
-        powers = np.empty((2, *shape))
-        for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
-            rows = np.ascontiguousarray(ends)
-            results = power.reshape(-1)
-            kernel.run([rows.reshape(-1, rows.shape[2]),
-                        torques.reshape(len(results), tau.shape[2])], results,
-                       len(results), constants=self._parameters)
-        return powers.swapaxes(1, 2)
-
-    def _driven_through_friction(self, states: Array, tau: Array) -> Array:
-        """
-        As `_power_at_ends`, of moving constraints, where joints may stick.
-
-        The constraints then work against what holds the joints.
-        """
-        robot, friction = self.robot, self._friction
-        assert friction is not None
-        kernel = joint_power_kernel(robot)
-        n_q, n, size = robot.n_q, robot.n, state_layout(robot).without_margin
-        shape = (len(states), states.shape[1] - 1)
         torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
-        powers = np.empty((2, *shape))
-        # The power of the motion's force, less that of the motors, is what moves the
-        # constraints.
-        for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
-            rows = np.ascontiguousarray(ends).reshape(-1, states.shape[2])
-            acting = friction.at_samples(rows, torques, times_of(robot, rows))
-            joint_power = kernel(rows[:, :size], acting.udot, acting.friction)
-            of_motors = np.sum(torques * rows[:, n_q:n_q + n], axis=1)
-            power[:] = (joint_power - of_motors).reshape(shape)
-        return powers.swapaxes(1, 2)
+        ends = [power(x.reshape(-1, x.shape[2]), torques).reshape(shape)
+                for x in (states[:, :-1], states[:, 1:])]
+        return np.array(ends).swapaxes(1, 2)
 
     def warning(self) -> str | None:
         """Return the warning for energy balances with too large errors, or None."""
@@ -392,9 +378,9 @@ def _differences(rows: Array, order: int) -> Array:
 def compile_balance(robot: Robot, exact: bool = False) -> None:
     """Compile the kernels of `EnergyBalance`."""
     energy_kernel(robot, exact).compile_lanes()
-    driven = driven_kernel(robot)
-    if driven is not None:
-        driven.compile_lanes()
+    if prescribes_motion(robot):
+        joint_power_kernel(robot).compile_lanes()
+        motion_kernel(robot).compile_lanes()
     if robot.equations.carries_loads:
         load_friction_kernel(robot, exact).compile_lanes()
 
@@ -412,8 +398,7 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
         # Joints that slide in the direction of motion; `rates` are those of joints.
-        q, u, time, deflections = _parts(robot, state)
-        rates = equations.joint_speeds(q, u, *time)
+        q, rates, _, deflections = _parts(robot, state)
         directions = directions_of(rates) if exact else None
         friction = tree.friction_force(rates, None, directions, deflections)
         potential = tree.potential_energy(q, parameters)
@@ -429,22 +414,6 @@ def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
     return robot.kernels.compiled(terms, name, state, (TERMS,), ahead=False)
 
 
-def driven_kernel(robot: Robot) -> Kernel | None:
-    """Return the kernel of the power of moving constraints, W; None without any."""
-    equations, n = robot.equations, robot.n
-    if equations.in_joint_rates or not _driven(robot):
-        return None
-
-    def power(state: Vector, tau: Vector, parameters: Vector) -> Scalar:
-        # All that the actuators and the constraints do on the joints, minus the
-        # actuators' part.
-        q, u, time, _ = _parts(robot, state)
-        force = equations.actual_joint_forces(q, u, tau, parameters, *time)
-        return force @ equations.joint_speeds(q, u, *time) - tau @ u
-    inputs = {'state': (state_layout(robot).without_margin,), 'tau': (n,)}
-    return robot.kernels.compiled(power, 'driven_power', inputs, (), ahead=False)
-
-
 def directions_of(rates: Vector) -> Vector:
     """Return the directions of motion of joints, -1 or 1."""
     return np.array([select(v < 0.0, -1.0, 1.0) for v in rates])
@@ -456,21 +425,19 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel:
     tree = equations.tree
 
     def power(state: Vector, tau: Vector) -> Scalar:
-        q, u, time, deflections = _parts(robot, state)
-        motion = equations.joint_motion(q, u, equations.zeros, *time)
-        directions = directions_of(motion.qdot) if exact else None
+        q, rates, time, deflections = _parts(robot, state)
+        directions = directions_of(rates) if exact else None
         t = time[0] if len(time) else 0.0
         # The friction under the loads of these torques, less that without loads, which
         # the energy kernel has.
-        friction = equations.driven_friction(q, motion.qdot, tau, t, directions,
-                                             deflections)
-        unloaded = tree.friction_force(motion.qdot, None, directions, deflections)
-        loss = (friction - unloaded) @ motion.qdot
+        friction = equations.driven_friction(q, rates, tau, t, directions, deflections)
+        unloaded = tree.friction_force(rates, None, directions, deflections)
+        loss = (friction - unloaded) @ rates
         if deflections is None:
             return loss
         # The bristles of a loaded drive yield less.
-        loaded = equations.deflection_rates(q, motion.qdot, deflections, tau, t)
-        change = loaded - tree.deflection_rates(motion.qdot, deflections)
+        loaded = equations.deflection_rates(q, rates, deflections, tau, t)
+        change = loaded - tree.deflection_rates(rates, deflections)
         return loss - tree.bristle_power(deflections, change)
     name = 'load_friction_power_of_sticking' if exact else 'load_friction_power'
     inputs = {'state': (state_layout(robot).without_margin,), 'tau': (n,)}
@@ -480,28 +447,25 @@ def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel:
 @kernel_per_robot
 def joint_power_kernel(robot: Robot) -> Kernel:
     """Return the kernel of the power of the forces of joints in a motion, W."""
-    equations = robot.equations
-    n = robot.n
-
-    def power(state: Vector, udot: Vector, friction: Vector,
+    def power(state: Vector, vdot: Vector, friction: Vector,
               parameters: Vector) -> Scalar:
-        q, u, time, _ = _parts(robot, state)
+        q, v, _, _ = _parts(robot, state)
         # Joint forces of the motion without friction, and friction, times the joint
         # rates.
-        motion = equations.joint_motion(q, u, udot, *time)
-        rigid = equations.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
-                                              parameters)
-        return (rigid + friction) @ motion.qdot
-    inputs = {'state': (state_layout(robot).without_margin,), 'udot': (n,),
-              'friction': (robot.model.n,)}
+        rigid = robot.equations.tree.rigid_dynamics(q, v, vdot, None, parameters)
+        return (rigid + friction) @ v
+    n_j = (robot.model.n,)
+    inputs = {'state': (state_layout(robot).without_margin,), 'vdot': n_j, 'friction': n_j}
     return robot.kernels.compiled(power, 'joint_power', inputs, (), ahead=False)
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
 
 
-def _driven(robot: Robot) -> bool:
+def prescribes_motion(robot: Robot) -> bool:
     """Return whether speeds or constraints prescribe joint rates (q' nonzero at u = 0)."""
+    if robot.equations.in_joint_rates:
+        return False
     mechanism = robot.mechanism
     if mechanism not in _DRIVEN:
         # The right sides of S q' = s at u_I = 0: zero by structure unless rates are
@@ -520,8 +484,8 @@ def _driven(robot: Robot) -> bool:
 
 
 def _parts(robot: Robot, state: Vector) -> tuple[Vector, Vector, Vector, Vector | None]:
-    """Return q, u, the time as (0 or 1,), and the deflections of bristles or None."""
+    """Return q, v, the time as (0 or 1,), and the deflections of bristles or None."""
     layout = state_layout(robot)
     deflections = state[layout.deflections]
-    return (state[layout.q], state[layout.u], state[layout.time],
+    return (state[layout.q], state[layout.v], state[layout.time],
             deflections if len(deflections) else None)

@@ -12,8 +12,8 @@ An observer records what it sees and changes nothing. An error that it raises en
 simulation; the observers after it do not look at that chunk. After the last chunk,
 `warning` returns a text for the user, or None.
 
-What changes states is no observer but a part of the steps (`stepping.Steps`): the
-impulses of joint stops, and the change of independent speeds before a singularity.
+What changes states is no observer but a part of the steps (`stepping.Steps`), such as the
+impulses of joint stops.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,8 +56,6 @@ class Exchange(NamedTuple):
 
     Attributes
     ----------
-    states : (N, K + 1, size) array
-        In the user's speeds.
     torques : (1 or N, 1 or K, n) array, or callable
         Torques held during each step, or the power of a continuous law.
     impacts : sequence of Impact
@@ -65,16 +63,12 @@ class Exchange(NamedTuple):
 
     """
 
-    states: Array
     torques: Array | Power
     impacts: Sequence[Impact]
 
 
 class Energetics(Protocol):
     """The steps of a chunk as observers see them; states are those of the chunk."""
-
-    def in_user_speeds(self, states: Array, done: int) -> Array:
-        """Return states after `done` steps, and after each of the next ones, in user speeds."""
 
     def exchange(self, states: Array, done: int) -> Exchange:
         """Return the torques that exchange energy in the steps after `done`, once a chunk."""

@@ -36,7 +36,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
-                                                   optional_inputs, RobotMotion,
+                                                   independent_speeds, optional_inputs, RobotMotion,
                                                    state_layout, step_signature,
                                                    StepChoice, tau_from, time_input,
                                                    traced_step, wrench_input)
@@ -470,8 +470,7 @@ def _traced_step(rows: RowSet, choice: StepChoice, state: Vector, inputs: Matrix
 
     # Slip keeps its direction within a right angle.
     layout = state_layout(rows.robot)
-    q, u, time = after[layout.q], after[layout.u], after[layout.time]
-    v = rows.robot.equations.joint_speeds(q, u, *time)
+    q, v = after[layout.q], after[layout.v]
     _, contacts = traced_rows(rows, q, v, modes)
     ends = _joint_ends(rows, modes, q, v)
     power: Scalar = 0.0
@@ -503,20 +502,19 @@ def _without_creep(rows: RowSet, modes: ModeInputs, after: Vector) -> Vector:
     layout = state_layout(robot)
     times = time_input(robot)
 
-    def motion(q: Vector, *time: Any) -> Vector:
-        at_rest = equations.at_rest(q, time[0][()] if times else 0.0)
-        return np.concatenate([np.ravel(at_rest.T), at_rest.qdot])
+    def motion(q: Vector, *time: Any) -> Matrix:
+        T: Matrix = equations.at_rest(q, time[0][()] if times else 0.0).T
+        return T
     program = trace_program('motion_of_joints', motion, [('q', (robot.n_q,)), *times])
-    q, u, time = after[layout.q], after[layout.u], after[layout.time]
-    T, X = np.split(np.array(call(program, q, *time)), [robot.model.n * robot.n])
-    T = T.reshape(robot.model.n, robot.n)
+    q, v, time = after[layout.q], after[layout.v], after[layout.time]
+    T = np.array(call(program, q, *time)).reshape(robot.model.n, robot.n)
     T_s = T[rows.joints]
-    of_rows, _ = traced_rows(rows._replace(pairs=()), q, T @ u + X, modes)
+    of_rows, _ = traced_rows(rows._replace(pairs=()), q, v, modes)
     held = of_rows.joints.held
     change = T @ (T_s.T @ forces_of_held(T_s @ T_s.T, held, of_rows.joints.past))
     q = q - coordinate_rates(robot.model, q, change)
-    u = u - T_s.T @ forces_of_held(T_s @ T_s.T, held, T_s @ u + X[rows.joints])
-    return np.array([*q, *u, *after[layout.u.stop:]])
+    v = v - T @ (T_s.T @ forces_of_held(T_s @ T_s.T, held, v[rows.joints]))
+    return np.array([*q, *v, *after[layout.v.stop:]])
 
 
 def _force_guards(rows: RowSet, modes: ModeInputs, f: Vector, least: Vector,
@@ -574,12 +572,13 @@ class Response(NamedTuple):
 
     Attributes
     ----------
-    udot : (n,) array
-        Without the forces of rows at rest, with the friction of joints that slide.
+    vdot : (n_j,) array
+        Of the joints, without the forces of rows at rest, with the friction of joints
+        that slide.
     v, a : (k + 3 c,) arrays
-        Velocities of the rows, and their accelerations with udot.
-    B : (n, k + 3 c) array
-        Change of u' per unit of each force.
+        Velocities of the rows, and their accelerations with vdot.
+    B : (n_j, k + 3 c) array
+        Change of vdot per unit of each force.
     A : (k + 3 c, k + 3 c) array
         Change of a.
     least, largest : (k,) arrays
@@ -593,7 +592,7 @@ class Response(NamedTuple):
 
     """
 
-    udot: Array
+    vdot: Array
     v: Array
     a: Array
     B: Array
@@ -608,21 +607,22 @@ class Response(NamedTuple):
     @classmethod
     def shapes(cls, rows: RowSet) -> list[tuple[int, ...]]:
         """Return the shapes of the fields."""
-        n, n_j = rows.robot.n, rows.robot.model.n
+        n_j = rows.robot.model.n
         k, c = len(rows.joints), len(rows.pairs)
         m = k + 3 * c
-        return [(n,), (m,), (m,), (n, m), (m, m), (k,), (k,), (c,), (n_j,), (3 * c, n_j),
+        return [(n_j,), (m,), (m,), (n_j, m), (m, m), (k,), (k,), (c,), (n_j,), (3 * c, n_j),
                 (c, 3, 3)]
 
 
 def response_kernel(rows: RowSet) -> Kernel:
-    """Return the kernel of `Response`, by q, u, tau and directions of friction."""
+    """Return the kernel of `Response`, by q, v, tau and directions of friction."""
     robot = rows.robot
     equations: Any = robot.equations
     k = len(rows.joints)
 
-    def response(q: Vector, u: Vector, tau: Vector, directions: Vector, *deflected: Any,
+    def response(q: Vector, v: Vector, tau: Vector, directions: Vector, *deflected: Any,
                  t: Scalar, parameters: Vector) -> Vector:
+        u = independent_speeds(equations, q, v, t)
         deflections = deflected[0] if deflected else None
         if rows.dual_to is not None:
             tau = tau_from(equations, rows.dual_to, q, tau, t)
@@ -642,18 +642,18 @@ def response_kernel(rows: RowSet) -> Kernel:
             velocities = np.concatenate([velocities, contacts.velocities])
             distances, bases, of_contacts = contacts.distances, contacts.bases, contacts.J
         factors = factorize(system.M, system.order)
-        udot = solve(factors, system.order, system.net)
-        B = np.stack([solve(factors, system.order, row) for row in J @ T], axis=1)
-        a = J @ (T @ udot + system.drift) + drift
+        vdot = T @ solve(factors, system.order, system.net) + system.drift
+        B = T @ np.stack([solve(factors, system.order, row) for row in J @ T], axis=1)
+        a = J @ vdot + drift
         least, largest = bounds_of_joints(rows, q, tau, t)
         friction = equations.driven_friction(q, system.v, tau, t, sliding, deflections)
-        parts = (udot, velocities, a, B, J @ T @ B, least, largest, distances, friction,
+        parts = (vdot, velocities, a, B, J @ B, least, largest, distances, friction,
                  of_contacts, bases)
         return np.concatenate([np.ravel(part) for part in parts])
     size = sum(int(np.prod(shape)) for shape in Response.shapes(rows))
     tau_size = robot.n if rows.dual_to is None else len(rows.dual_to)
     return robot.compiled(response, name=f'row_response_{rows.name}', q=(robot.n_q,),
-                          u=(robot.n,), tau=(tau_size,), directions=(k,),
+                          v=(robot.model.n,), tau=(tau_size,), directions=(k,),
                           **dict(deflection_input(robot)),
                           shape=(size,))
 
@@ -661,9 +661,9 @@ def response_kernel(rows: RowSet) -> Kernel:
 def responses(rows: RowSet, kernel: Kernel, states: Array, tau: Array, directions: Array,
               times: Any) -> list[Response]:
     """Return the responses at K states, (K, size), under torques (K, n)."""
-    n_q, n = rows.robot.n_q, rows.robot.n
-    bent = states[:, state_layout(rows.robot).deflections]
-    inputs = [states[:, :n_q], states[:, n_q:n_q + n], tau, directions,
+    layout = state_layout(rows.robot)
+    bent = states[:, layout.deflections]
+    inputs = [states[:, layout.q], states[:, layout.v], tau, directions,
               *([bent] if bent.shape[1] else []), *rows.robot.equations.time_inputs(times)]
     values = np.empty((len(states), *kernel.shape))
     kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], values,

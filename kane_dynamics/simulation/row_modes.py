@@ -17,10 +17,11 @@ from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_fricti
                                               is_self_locking, stribeck_excess)
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.motion_samples import MotionSamples
 from kane_dynamics.simulation.row_kernel import (AT_BOUNDS, AT_STOP, HELD, ModeChoice, Response,
                                                  response_kernel, responses, row_kernel,
                                                  RowMode, RowSet, SIGNS)
-from kane_dynamics.simulation.step_kernels import StepChoice
+from kane_dynamics.simulation.step_kernels import state_layout, StepChoice
 from kane_dynamics.simulation.trajectory import ContactMode
 import numpy as np
 
@@ -55,33 +56,6 @@ class Impulses(NamedTuple):
     loss: float
     rests: frozenset[int]
     locked: frozenset[int]
-
-
-class SampledRows(NamedTuple):
-    """
-    Accelerations, forces and modes at K states.
-
-    Attributes
-    ----------
-    udot : (K, n) array
-    stop_forces, friction : (K, n_j) arrays
-        Forces of stops on joints; torques that overcome the friction of joints and the
-        forces of contacts, N m or N.
-    sticking : (K, n_j) array of bool
-        Which joints friction holds.
-    contact_forces : (K, c, 3) array
-        On the first link, N, in world axes.
-    contact_modes : (K, c) array of int
-        `ContactMode` of each contact.
-
-    """
-
-    udot: Array
-    stop_forces: Array
-    sticking: Any
-    friction: Array
-    contact_forces: Array
-    contact_modes: Any
 
 
 def row_set(robot: Robot, stops: bool, sticking: bool, pairs: tuple[ContactPair, ...],
@@ -238,12 +212,12 @@ class RowModes:
         p = np.zeros(m)
         p[used] = _solved(now.A, target, lower, upper, discs, used)
         after = state.copy()
-        n_q, n = rows.robot.n_q, rows.robot.n
-        after[n_q:n_q + n] += now.B @ p
+        rates = state_layout(rows.robot).v
+        after[rates] += now.B @ p
         v = now.v + now.A @ p
         if rows.tree:
             pressed = [joint for joint, x in zip(rows.joints, p[:k]) if x]
-            after[n_q + np.array(pressed, dtype=int)] = 0.0
+            after[rates.start + np.array(pressed, dtype=int)] = 0.0
         return after, Impulses(
             {j: float(into[j]) for j in np.flatnonzero(hits[:k]).tolist()},
             {i: float(into[k + i]) for i in np.flatnonzero(hits[k:]).tolist()},
@@ -549,7 +523,7 @@ class RowModes:
         """Return a state in which held rows have no velocity, by impulses on them."""
         rows = self.rows
         k = len(rows.joints)
-        n_q = rows.robot.n_q
+        rates = state_layout(rows.robot).v
         after = state.copy()
         stuck = [j for j, mode in enumerate(modes.joints) if mode in HELD]
         used = list(stuck)
@@ -563,16 +537,16 @@ class RowModes:
                 used += tangents
         if used and now.v[used].any():
             p = held(now.A[np.ix_(used, used)], now.v[used])
-            after[n_q:n_q + rows.robot.n] += now.B[:, used] @ p
+            after[rates] += now.B[:, used] @ p
         if rows.tree:
-            after[n_q + np.array([rows.joints[j] for j in stuck], dtype=int)] = 0.0
+            after[rates.start + np.array([rows.joints[j] for j in stuck], dtype=int)] = 0.0
             for j in stuck:
                 if modes.joints[j] != RowMode.STICKING:
                     bound = rows.upper if modes.joints[j] == RowMode.UPPER else rows.lower
                     after[rows.places[j]] = bound[j]
         return after
 
-    def at_samples(self, states: Array, tau: Array, times: Array) -> SampledRows:
+    def at_samples(self, states: Array, tau: Array, times: Array) -> MotionSamples:
         """Return accelerations, forces and modes at K states, (K, size)."""
         rows = self.rows
         k, c = len(rows.joints), len(rows.pairs)
@@ -581,7 +555,7 @@ class RowModes:
         sticking = np.zeros((len(states), n_j), dtype=bool)
         contact_forces = np.zeros((len(states), c, 3))
         contact_modes = np.zeros((len(states), c), dtype=int)
-        udot = np.empty((len(states), rows.robot.n))
+        vdot = np.empty((len(states), n_j))
         # The responses of all samples, without directions and with those of joints that move.
         none = np.zeros((len(states), k))
         at_rest = responses(rows, self._kernel, states, tau, none, times)
@@ -593,11 +567,11 @@ class RowModes:
         for row, (state, torque, t) in enumerate(zip(states, tau, times)):
             now = sliding[row]
             if not (rests[row] or (now.distances <= TOUCHING).any()):
-                udot[row], friction[row] = now.udot, now.friction
+                vdot[row], friction[row] = now.vdot, now.friction
                 continue
             modes, now, f = self.choose(state, torque, float(t), (), at_rest[row], now)
             forces = self.acting(modes, now, f)
-            udot[row] = now.udot + now.B @ forces
+            vdot[row] = now.vdot + now.B @ forces
             of_joints = forces[:k]
             beyond = of_joints - np.clip(of_joints, now.least, now.largest)
             stop_forces[row, rows.joints] = beyond
@@ -609,8 +583,8 @@ class RowModes:
             along = forces[k:].reshape(c, 3)
             contact_forces[row] = np.einsum('ci,cij->cj', along, now.bases)
             contact_modes[row] = [CONTACT_MODES[mode] for mode in modes.contacts]
-        return SampledRows(udot, stop_forces, sticking, friction, contact_forces,
-                           contact_modes)
+        return MotionSamples(vdot, stop_forces, friction, sticking, contact_forces,
+                             contact_modes)
 
     def acting(self, modes: ModeChoice, now: Response, f: Array) -> Array:
         """Return the forces of all rows, with the friction of contacts that slide."""

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 import math
-from operator import attrgetter
 from typing import Any
 import warnings
 
@@ -24,7 +23,7 @@ from kane_dynamics._util.checks import constant, instance, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import joints_that_follow, law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.mechanics.ball_joints import require_unit
+from kane_dynamics.mechanics.ball_joints import joint_speeds, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.llvm_simd import width
@@ -43,7 +42,7 @@ from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.presliding import require_no_bristles, SettlingWatch
 from kane_dynamics.simulation.row_modes import require_stops
-from kane_dynamics.simulation.speed_switching import SwitchingSteps
+from kane_dynamics.simulation.speed_choice import ConstrainedSteps
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    step_kernel)
 from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
@@ -72,9 +71,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     Integrate the equations of motion with steps of one length.
 
     Conditions on positions, such as closed loops, are corrected by one Newton step after
-    every step; the trajectory holds the remaining residuals. Independent speeds that
-    become singular are replaced by others during the simulation
-    (`Trajectory.speed_changes`), unless the user named them.
+    every step; the trajectory holds the remaining residuals. What is integrated are the
+    joint rates, in whichever independent speeds are well conditioned: u may become
+    singular on the way.
 
     Parameters
     ----------
@@ -222,7 +221,6 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         arrays['bristles'] = np.ascontiguousarray(deflections_of(robot, samples.states))
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
-    speed_changes = sorted(steps.changes, key=attrgetter('t'))
     stop_events: tuple[StopEvent, ...] = ()
     contact_names: tuple[str, ...] = ()
     contact_events: tuple[ContactEvent, ...] = ()
@@ -237,8 +235,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       bristle_names=robot.equations.tree.bristle_names,
                       constraint_names=robot.equations.mechanism.labels,
                       warnings=tuple(texts),
-                      speed_changes=tuple(speed_changes), stop_events=stop_events,
-                      contact_names=contact_names,
+                      stop_events=stop_events, contact_names=contact_names,
                       contact_events=contact_events)
 
 
@@ -280,7 +277,7 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
 
     # Constrained robots may need other independent speeds along the way.
     if robot.equations.watched:
-        steps: Steps = SwitchingSteps(source, rows, len(states))
+        steps: Steps = ConstrainedSteps(source, rows, len(states))
     else:
         steps = Steps(source, rows)
     if callable(torque):
@@ -360,13 +357,22 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float,
     layout = state_layout(robot)
     states = np.zeros((*q.shape[:-1], layout.size))
     states[..., layout.q] = q
-    states[..., layout.u] = u
+    states[..., layout.v] = _joint_speeds(robot, q, u, t0)
     states[..., layout.time] = t0
     if bristles0 is not None:
         shape = states[..., layout.deflections].shape
         states[..., layout.deflections] = _stated_deflections(robot, bristles0, shape)
     states[..., layout.without_margin:] = 1.0
     return states
+
+
+def _joint_speeds(robot: Robot, q: Array, u: Array, t0: float) -> Array:
+    """Return the joint rates, (..., n_j), at initial configurations and speeds."""
+    if robot.mechanism.in_joint_speeds:
+        return u
+    times = t0 if q.ndim == 1 else np.full(len(q), t0)
+    rates: Array = joint_speeds(robot.model, q, robot.joint_rates(q, u, t=times))
+    return rates
 
 
 def _stated_deflections(robot: Robot, bristles0: Any, shape: tuple[int, ...]) -> Array:

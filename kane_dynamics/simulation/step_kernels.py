@@ -113,19 +113,20 @@ def state_names(robot: Robot) -> tuple[str, ...]:
     """
     Return the names of the entries of a state.
 
-    They are q, u, and if needed the time, the deflections of bristles and the margin.
+    They are q, the joint rates v, and if needed the time, the deflections of bristles and
+    the margin.
     """
     time = robot.equations.time_inputs('time')
     margin = ('margin',) if robot.equations.watched else ()
     bristles = [f'{name}/deflection' for name in robot.equations.tree.bristle_names]
-    return (*robot.coordinate_names, *robot.speed_names, *time, *bristles, *margin)
+    return (*robot.coordinate_names, *robot.joint_names, *time, *bristles, *margin)
 
 
 class StateLayout(NamedTuple):
     """Slices of the parts of a state, whose entries are those of `state_names`."""
 
     q: slice
-    u: slice
+    v: slice
     time: slice
     deflections: slice
     without_margin: int  # number of entries but for the margin
@@ -134,13 +135,27 @@ class StateLayout(NamedTuple):
 
 def state_layout(robot: Robot) -> StateLayout:
     """Return the layout of the states of a robot."""
+    return _layout(robot, robot.model.n)
+
+
+def _layout(robot: Robot, speeds: int) -> StateLayout:
+    """Return the layout of states with so many speeds."""
     equations = robot.equations
     n_q = equations.n_q
-    time = n_q + equations.n
+    time = n_q + speeds
     deflections = time + len(equations.time_inputs('time'))
     end = deflections + len(equations.tree.bristles)
     return StateLayout(slice(0, n_q), slice(n_q, time), slice(time, deflections),
                        slice(deflections, end), end, end + int(equations.watched))
+
+
+def independent_speeds(equations: Equations, q: Vector, v: Vector,
+                       t: Scalar = 0.0) -> Vector:
+    """Return the independent speeds u = Y v + Z, (n,), in a motion of the joints."""
+    if equations.in_joint_rates:
+        return v
+    Y, Z = equations.state(q, t).speed_rows(equations.speed_names)
+    return Y @ v + Z
 
 
 def times_of(robot: Robot, states: Array) -> Array:
@@ -184,7 +199,7 @@ class RobotMotion:
         self.robot = robot
         self.equations = robot.equations
         self.bristles = len(robot.equations.tree.bristles)
-        self._layout = state_layout(robot)
+        self._layout = _layout(robot, robot.n)  # of what is integrated: q, u
         self.watched = watched
         self.margins: list[Scalar] = []
         self._dual_to = dual_to
@@ -269,7 +284,7 @@ class RobotMotion:
         # The rate of the time is 1, that of the margin 0: steps write it at their end.
         layout = self._layout
         q = state[layout.q]
-        u = state[layout.u]
+        u = state[layout.v]
         time = state[layout.time]
         inputs: list[Any] = list(time)
         if self.bristles:
@@ -342,17 +357,26 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
         watches_stages = equations.watched and not keeps_positions
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
                     watches_stages, followed, start, h[0])
-    after: Vector = integrator_of(integrator).step(motion, state, h[0])
+    # The equations are integrated in the independent speeds.
+    u = independent_speeds(equations, state[layout.q], state[layout.v], *start)
+    reduced = np.array([*state[layout.q], *u, *state[layout.v.stop:]])
+    after: Vector = integrator_of(integrator).step(motion, reduced, h[0])
+    q, u, others = np.split(after, [robot.n_q, robot.n_q + n])
+    t = others[0] if len(start) else 0.0
+    v = equations.joint_speeds(q, u, t)
+    after = np.array([*q, *v, *others])
     # The margin, then one Newton step on the loops and unit quaternions.
-    q = after[layout.q]
-    t = after[layout.time][0] if len(start) else 0.0
     if watches_stages:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
     elif keeps_positions:
         # No later step reads the margin, so it causes no latency.
         if equations.watched:
             after[-1] = equations.margin(q, t, constants[-LIMITS:])
-        q = equations.closure_step(q, t)
+            closed = equations.closure_step(q, t)
+            # A rejected state stays where its margin shows what is wrong.
+            q = np.array([select(after[-1] > 0.0, x, y) for x, y in zip(closed, q)])
+        else:
+            q = equations.closure_step(q, t)
     if robot.model.balls:
         q = on_unit_quaternions(robot.model, q)
     after[layout.q] = q

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.checks import constant, instance
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.elastic_joints import steepest_slope
 from kane_dynamics.mechanics.friction import (bristle_decay, damping_range,
@@ -109,25 +109,24 @@ def settling_step(robot: Robot, q: Array, u: Array, t: float) -> LongestStep:
     if not joints:
         return LongestStep(math.inf)
     # The bristles that settle fastest bound the step, as real negative eigenvalues.
-    decays = settling_rates(robot, q[None], u[None], np.array([t]))[0]
+    v = np.array(robot.equations.joint_speeds(q, u, t), dtype=np.float64)
+    decays = settling_rates(robot, v[None])[0]
     fastest = int(np.argmax(decays))
     with np.errstate(divide='ignore'):
         step = float(REAL_RADIUS / decays[fastest])
     return LongestStep(step, joints[fastest].name)
 
 
-def settling_rates(robot: Robot, q: Array, u: Array, times: Array) -> Array:
-    """Return the rates at which bristles settle, (K, n_b), 1/s, at K states without load."""
-    equations: Any = robot.equations
-    joints = equations.tree.bristles
+def settling_rates(robot: Robot, v: Array) -> Array:
+    """Return the rates at which bristles settle, (K, n_b), 1/s, at joint rates (K, n_j)."""
+    joints = robot.equations.tree.bristles
 
-    def rates(q: Vector, u: Vector, t: Scalar) -> Vector:
-        v = equations.joint_speeds(q, u, t)
+    def rates(v: Vector) -> Vector:
         return np.array([bristle_decay(joint, joint.multiplier * v[joint.coordinate])
                          for joint in joints])
-    kernel = robot.compiled(rates, name='settling_rates', q=(robot.n_q,), u=(robot.n,),
+    kernel = robot.compiled(rates, name='settling_rates', v=(robot.model.n,),
                             shape=(len(joints),))
-    result: Array = kernel(q, u, *equations.time_inputs(times))
+    result: Array = kernel(v)
     return result
 
 

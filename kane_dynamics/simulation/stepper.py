@@ -18,8 +18,7 @@ from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
 from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, response_kernel,
                                                  row_kernel, RowMode, RowSet)
-from kane_dynamics.simulation.row_modes import (Impulses, row_set, RowModes, SampledRows,
-                                                TOUCHING)
+from kane_dynamics.simulation.row_modes import Impulses, row_set, RowModes, TOUCHING
 from kane_dynamics.simulation.step_kernels import state_layout, StepChoice
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import ContactEvent, StopEvent
@@ -117,10 +116,6 @@ class RowSteps:
         if key not in self._modes_of or self._modes_of[key][0] is not robot:
             self._modes_of[key] = robot, RowModes(self._row_set(robot, dual_to), self._step)
         return self._modes_of[key][1]
-
-    def at_samples(self, states: Array, tau: Array, times: Array) -> SampledRows:
-        """Return accelerations, forces and modes at states of the user's robot, (K, size)."""
-        return self.rows(self._robot).at_samples(states, tau, times)
 
     def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
         """
@@ -358,18 +353,18 @@ class _Path:
     def begun(self, state: Array, step: int, passed: float,
               breaks: Sequence[int] = ()) -> tuple[Array, ModeChoice]:
         """Return the state after impacts, and its modes, `passed` s after a step's begin."""
-        tau = self._source.torque_within(state, step, passed)
+        tau = self._source.torque_at(state, step, passed)
         t = self._source.start + step * self._step + passed
         after, impact = self._rows.impact(state, tau, t, breaks)
         if impact is not None:
             self._steps.hit(self._i, step, t, impact, self._rows, state)
-            lost = self._kinetic_energy(state, t) - self._kinetic_energy(after, t)
+            lost = self._kinetic_energy(state) - self._kinetic_energy(after)
             self._steps.record(self._i, step, lost, 0.0)
             breaks = [row for row in breaks if row not in impact.locked]
         modes, now, _ = self._rows.choose(after, tau, t, breaks)
         return self._rows.at_rest(after, modes, now), modes
 
-    def _kinetic_energy(self, state: Array, t: float) -> float:
+    def _kinetic_energy(self, state: Array) -> float:
         """
         Return the kinetic energy, J.
 
@@ -377,8 +372,9 @@ class _Path:
         prescribed motions.
         """
         robot = self._source.robot
-        q, u = state[:robot.n_q], state[robot.n_q:robot.n_q + robot.n]
-        return float(robot.kinetic_energy(q, u, t=t))
+        size = state_layout(robot).without_margin
+        terms = energy_kernel(robot, self._steps.sticking)(state[None, :size])
+        return float(terms[0, 0])
 
     def through(self, state: Array, step: int, modes: ModeChoice) -> tuple[Array, ModeChoice]:
         """Return the state after a step with transitions, and the modes there."""

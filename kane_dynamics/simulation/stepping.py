@@ -6,20 +6,26 @@ code computes a chunk in a few milliseconds without the GIL, so progress is repo
 time.
 
 `Steps` computes states in native code, with rows that have modes. Two kinds of
-steps extend it: `speed_switching.SwitchingSteps` changes the independent speeds before a
-singularity, and `callable_steps.CallableSteps` calls a torque function in Python before
+steps extend it: `speed_choice.ConstrainedSteps` chooses the independent speeds, and `callable_steps.CallableSteps` calls a torque function in Python before
 every step.
 """
 
 from collections.abc import Callable, Sequence
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.kernel_set import kernel_per_robot
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
+from kane_dynamics.simulation.motion_samples import motion_at
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
-from kane_dynamics.simulation.trajectory import sampled_quantities, SpeedChange
+from kane_dynamics.simulation.trajectory import constraint_residuals
+from kane_dynamics.simulation.user_speeds import (actuator_torques, generalized_forces,
+                                                  parts_of, speeds_in, speeds_of_motion)
 import numpy as np
 
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
@@ -49,11 +55,6 @@ class Steps:
     rows : RowSteps, optional
         Stops, set-valued friction and contacts.
 
-    Attributes
-    ----------
-    changes : list of SpeedChange
-        Changes of the independent speeds so far.
-
     """
 
     def __init__(self, source: TorqueInput, rows: RowSteps | None = None) -> None:
@@ -65,7 +66,6 @@ class Steps:
         self.start = source.start
         # Computes the states of a native step, in the modes of the rows.
         self._advance = TorqueInput.advance if rows is None else rows.advance
-        self.changes: list[SpeedChange] = []
 
     def compute(self, starts: Array, done: int, count: int) -> Chunk:
         """Return the next steps from states, (N, size), after `done` steps: at most `count`."""
@@ -79,20 +79,22 @@ class Steps:
         """Compute the states of a buffer; arguments and result as of `TorqueInput.advance`."""
         return self._advance(self.source, buffer, done)
 
-    def user_state(self,
-                   simulation: int, state: Array, done: int) -> tuple[Array, Array]:
-        """Return q and u, in the user's speeds, of a simulation's state after `done` steps."""
-        n_q, n = self.robot.n_q, self.robot.n
-        return state[:n_q], state[n_q:n_q + n]
-
-    def in_user_speeds(self, states: Array, done: int) -> Array:
-        """Return states of a chunk, (N, K + 1, size), in the user's speeds."""
-        return states
+    def user_state(self, state: Array) -> tuple[Array, Array]:
+        """Return q and u, in the user's speeds, of a simulation's state."""
+        return state[:self.robot.n_q], speeds_in(self.robot, state)
 
     def exchange(self, states: Array, done: int) -> Exchange:
         """Return the torques that exchange energy in a chunk, all of whose steps are computed."""
         impacts = () if self.rows is None else self.rows.settle(done)
-        return Exchange(states, self.source.acting(states, done), impacts)
+        return Exchange(self.source.acting(states, done), impacts)
+
+    def torques(self, samples: Samples) -> Array:
+        """Return the torques of samples, (N, K, n), dual to the user's speeds."""
+        return self.source.torques(samples.steps, samples.states)
+
+    def best_choices(self, states: Array, times: Array) -> list[tuple[Robot, Array]]:
+        """Return robots with the numbers of those of K states that are regular in their speeds."""
+        return [(self.robot, np.arange(len(states)))]
 
     def results(self, samples: Samples, tau: Array | None = None) -> dict[str, Array]:
         """
@@ -100,22 +102,72 @@ class Steps:
 
         `tau`, (N, K, n), are the torques that acted; by default those of the source.
         """
-        n_q, n = self.robot.n_q, self.robot.n
-        q = np.ascontiguousarray(samples.states[..., :n_q])
-        u = np.ascontiguousarray(samples.states[..., n_q:n_q + n])
         if tau is None:
-            tau = self.source.torques(samples.steps, q, u)
+            tau = self.torques(samples)
         # The quantities of all samples of all simulations are computed as one batch.
         shape = samples.states.shape[:2]
         times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
         states = samples.states.reshape(-1, samples.states.shape[2])
-        rows = sampled_quantities(self.robot, states, tau.reshape(-1, self.robot.n), times,
-                                  self.rows)
-        rows.pop('friction', None)  # only constraint forces depend on it
-        results = {'q': q, 'tau': tau}
-        for name, quantity in rows.items():
-            results[name] = quantity.reshape(*shape, *quantity.shape[1:])
-        return results
+        forces = tau.reshape(-1, self.robot.n)
+        results: dict[str, Array] = {}
+        for robot, k in self.best_choices(states, times):
+            part = sampled_quantities(self.robot, robot, states[k], forces[k], times[k],
+                                      self.rows)
+            for name, quantity in part.items():
+                if name not in results:
+                    results[name] = np.empty((len(states), *quantity.shape[1:]),
+                                             dtype=quantity.dtype)
+                results[name][k] = quantity
+        of_samples = {name: x.reshape(*shape, *x.shape[1:]) for name, x in results.items()}
+        return {'tau': tau, **of_samples}
+
+
+def sampled_quantities(user_robot: Robot, robot: Robot, states: Array, tau: Array,
+                       times: Array, rows: Any) -> dict[str, Array]:
+    """
+    Return the quantities of a trajectory at K states of a simulation.
+
+    Parameters
+    ----------
+    user_robot, robot : Robot
+        In the user's speeds, and in speeds that are regular at these states.
+    states : (K, size) array
+        Entries as `step_kernels.state_names`.
+    tau, times : (K, n), (K,) arrays
+        Torques dual to the user's speeds, and times, s.
+    rows : stepper.RowSteps or None
+        Rows with modes.
+
+    """
+    q, v, _ = parts_of(robot, states)
+    # Kinetic and potential energy, by the kernel of the simulation's energy balance.
+    terms = np.empty((len(states), TERMS))
+    exact = rows is not None and rows.sticking
+    energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
+    generalized = generalized_forces(robot, user_robot, q, tau, times)
+    motion = motion_at(robot, states, generalized, times, rows)
+    of_user = speeds_of_motion(user_robot, q, v, motion.vdot, times)
+    results = {'q': q, 'u': np.ascontiguousarray(of_user[:, 0]),
+               'udot': np.ascontiguousarray(of_user[:, 1]), 'energy': terms[:, :2],
+               **motion._asdict()}
+    vdot, friction = results.pop('vdot'), results.pop('friction')
+    if robot.constraint_names:
+        # All forces on the joints but those of the constraints.
+        motors = actuator_torques(robot, user_robot, q, generalized, tau, times)
+        applied = results['stop_forces'] + motors - friction
+        results['constraint_forces'] = _row_forces_kernel(robot)(
+            q, v, vdot, applied, *robot.equations.time_inputs(times))
+        results |= constraint_residuals(robot, q, speeds_in(robot, states), times)
+    return results
+
+
+@kernel_per_robot
+def _row_forces_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of the forces of all rows, (m,), in a motion of the joints."""
+    n_j = (robot.model.n,)
+    return robot.compiled(robot.equations.row_forces_of_motion, name='row_forces_of_motion',
+                          q=(robot.n_q,), v=n_j, vdot=n_j, applied=n_j,
+                          shape=(len(robot.constraint_names),))
 
 
 def run(steps: Steps, starts: Array, count: int, every: int,

@@ -13,6 +13,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import load_friction_kernel
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
+from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 # How far inside a step its ends are: relative to the step, and at least in roundings of
@@ -133,16 +134,6 @@ class TorqueInput:
         stages = rows.reshape(1, *times.shape, rows.shape[1])
         return np.ascontiguousarray(stages)
 
-    def torque_within(self, state: Array, done: int, passed: float) -> Array:
-        """Return the torque, (n,), `passed` s after the beginning of a step."""
-        if not isinstance(self.torque, ComputedTorque):
-            return self.torque_at(state, done)
-        n_q, n = self.robot.n_q, self.robot.n
-        q, u = state[None, None, :n_q], state[None, None, n_q:n_q + n]
-        steps = np.array([done + passed / self.step])
-        torque: Array = self.torques(steps, q, u)[0, 0]
-        return torque
-
     def acting(self, buffer: Array, done: int) -> Array | Power:
         """
         Return the torques of the steps of a buffer from `advance`.
@@ -155,14 +146,11 @@ class TorqueInput:
 
         """
         if isinstance(self.torque, ComputedTorque):
-            n_q, n = self.robot.n_q, self.robot.n
-
             # The power of a law is computed only at rows that are looked at.
             def power_at(rows: Array) -> Array:
-                q = np.ascontiguousarray(buffer[:, rows, :n_q])
-                u = np.ascontiguousarray(buffer[:, rows, n_q:n_q + n])
-                tau = self.torques(done + rows, q, u)
-                power: Array = np.einsum('nkj,nkj->nk', tau, u)
+                tau = self.torques(done + rows, buffer[:, rows])
+                power: Array = np.einsum('nkj,nkj->nk', tau,
+                                         speeds_in(self.robot, buffer[:, rows]))
                 if self.robot.equations.carries_loads:
                     power = power - self._load_friction_power(buffer[:, rows], tau)
                 return power
@@ -181,22 +169,24 @@ class TorqueInput:
                               tau.reshape(-1, tau.shape[-1]))
         return power.reshape(tau.shape[:-1])
 
-    def torque_at(self, state: Array, done: int) -> Array:
-        """Return the torque, (n,), of the first simulation at its state after `done` steps."""
+    def torque_at(self, state: Array, done: int, passed: float = 0.0) -> Array:
+        """Return the torque, (n,), of one state, `passed` s after the beginning of a step."""
         if not isinstance(self.torque, ComputedTorque):
             held: Array = self.torque[0][min(done, self.torque.shape[1] - 1)]
             return held
-        n_q, n = self.robot.n_q, self.robot.n
-        q, u = state[None, None, :n_q], state[None, None, n_q:n_q + n]
-        torque: Array = self.torques(np.array([done]), q, u)[0, 0]
+        torque: Array = self.torques(np.array([done + passed / self.step]),
+                                     state[None, None])[0, 0]
         return torque
 
-    def torques(self, sampled: Array, q: Array, u: Array) -> Array:
-        """Return the torques that acted at the sampled steps (K,) and states (N, K, n)."""
+    def torques(self, sampled: Array, states: Array) -> Array:
+        """Return the torques, (N, K, n), at the sampled steps, (K,), and states, (N, K, size)."""
         torque = self.torque
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(sampled, torque.shape[1] - 1)]
-            return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
+            shape = *states.shape[:2], self.robot.n
+            return np.ascontiguousarray(np.broadcast_to(rows, shape))
+        q = np.ascontiguousarray(states[..., :self.robot.n_q])
+        u = speeds_in(self.robot, states)
         # The law at the samples of all simulations, as rows of one batch.
         moments = self.start + sampled * np.float64(self.step)
         t = moments.copy()
@@ -211,7 +201,7 @@ class TorqueInput:
         arguments.append(np.tile(gains, (len(arguments[0]), 1)))
         kernel = law_kernel(self.robot, torque.followed)
         no_wrench = (None,) if len(self.robot.kernels.no_wrench) else ()
-        times = self.robot.equations.time_inputs(np.tile(moments, len(q)))
+        times = self.robot.equations.time_inputs(np.tile(moments, len(states)))
         tau: Array = kernel(*arguments, *no_wrench, *times)
         return tau.reshape(u.shape)
 

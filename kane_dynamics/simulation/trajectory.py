@@ -19,8 +19,6 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
-from kane_dynamics.simulation.presliding import bristle_friction
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -111,28 +109,8 @@ class ContactEvent(NamedTuple):
                 f'lost{end}')
 
 
-class SpeedChange(NamedTuple):
-    """
-    A change of the independent speeds of a simulation before a singularity.
-
-    The trajectory's u, udot and tau stay those of its own `speed_names`.
-    """
-
-    t: float
-    before: tuple[str, ...]
-    after: tuple[str, ...]
-    state: int | None = None  # which of many simulations
-
-    def __str__(self) -> str:
-        """Return the event as text."""
-        which = '' if self.state is None else f'simulation {self.state}: '
-        return (f'{which}at {self.t:.4g} s the independent speeds '
-                f'{", ".join(self.before)} change '
-                f'to {", ".join(self.after)}')
-
-
-EVENTS: dict[str, Any] = {'limit_events': LimitEvent, 'speed_changes': SpeedChange,
-                          'stop_events': StopEvent, 'contact_events': ContactEvent}
+EVENTS: dict[str, Any] = {'limit_events': LimitEvent, 'stop_events': StopEvent,
+                          'contact_events': ContactEvent}
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +140,6 @@ class Trajectory:
     constraint_residual, constraint_velocity_residual : (K, m) or (N, K, m) arrays
         Residuals of positions, m or rad, and of velocities, m/s or rad/s; as the methods
         of `Robot` of these names.
-    speed_changes : sequence of SpeedChange
-        Changes of the independent speeds.
     warnings : tuple of str
         Warnings of the simulation.
     stop_events : sequence of StopEvent
@@ -205,7 +181,6 @@ class Trajectory:
     constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
     constraint_residual: Array = field(default_factory=partial(np.zeros, 0))
     constraint_velocity_residual: Array = field(default_factory=partial(np.zeros, 0))
-    speed_changes: Sequence[SpeedChange] = ()
     warnings: tuple[str, ...] = ()
     stop_events: Sequence[StopEvent] = ()
     coordinate_names: tuple[str, ...] = ()
@@ -329,7 +304,6 @@ class Trajectory:
             return tuple(event._replace(state=None) for event in events if event.state == number)
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
         return replace(self, **rows, limit_events=of_state(self.limit_events),
-                       speed_changes=of_state(self.speed_changes),
                        stop_events=of_state(self.stop_events),
                        contact_events=of_state(self.contact_events))
 
@@ -457,8 +431,6 @@ def _events(name: str, table: Any) -> tuple[Any, ...]:
                 fields.append(str(cell))
             elif field_name == 'rests':
                 fields.append(cell == 'True')
-            elif field_name in ('before', 'after'):
-                fields.append(tuple(str(cell).split('\n')))
             else:
                 fields.append(float(cell))
         events.append(kind(*fields, int(state) if state else None))
@@ -473,45 +445,3 @@ def constraint_residuals(robot: Robot, q: Array, u: Array,
     residual = kernel('constraint_residual')(q, *time)
     of_velocities = kernel('constraint_velocity_residual')(q, u, *time)
     return {'constraint_residual': residual, 'constraint_velocity_residual': of_velocities}
-
-
-def sampled_quantities(robot: Robot, states: Array, tau: Array, times: Array,
-                       rows: Any = None) -> dict[str, Array]:
-    """
-    Return u, udot, energy, forces of stops and sticking joints at K states of a simulation.
-
-    Where friction does not follow the smooth law, it is added, (K, n_j).
-
-    Parameters
-    ----------
-    robot : Robot
-        In the speeds of the states.
-    states : (K, size) array
-        Entries as `step_kernels.state_names`.
-    tau, times : (K, n), (K,) arrays
-        Torques dual to the speeds, and times, s.
-    rows : stepper.RowSteps, optional
-        Rows with modes, if there are any.
-
-    """
-    n_q, n = robot.n_q, robot.n
-    q = np.ascontiguousarray(states[:, :n_q])
-    u = np.ascontiguousarray(states[:, n_q:n_q + n])
-    # Kinetic and potential energy, by the kernel of the simulation's energy balance.
-    terms = np.empty((len(states), TERMS))
-    exact = rows is not None and rows.sticking
-    energy_kernel(robot, exact).run([np.ascontiguousarray(states)], terms, len(terms))
-    quantities = {'u': u, 'energy': terms[:, :2]}
-    # Rows with modes and bristles decide the accelerations.
-    if rows is not None:
-        of_rows: dict[str, Array] = rows.rows(robot).at_samples(states, tau, times)._asdict()
-        return quantities | of_rows
-    if robot.equations.tree.bristles:
-        bristles = bristle_friction(robot)
-        return quantities | bristles.at_samples(states, tau, times)._asdict()
-    # Else they are those of forward dynamics, without wrenches.
-    no_wrench = (None,) if len(robot.kernels.no_wrench) else ()
-    forward_dynamics = robot.kernels.kernel('forward_dynamics')
-    udot = forward_dynamics(q, u, tau, *no_wrench, *robot.equations.time_inputs(times))
-    stop_forces = np.zeros((len(q), robot.equations.tree.n))
-    return quantities | {'udot': udot, 'stop_forces': stop_forces}

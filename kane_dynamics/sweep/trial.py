@@ -37,8 +37,8 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import driven_kernel
-from kane_dynamics.simulation.speed_switching import STEP_RESIDUAL
+from kane_dynamics.simulation.energy_balance import prescribes_motion
+from kane_dynamics.simulation.speed_choice import STEP_RESIDUAL
 from kane_dynamics.simulation.step_kernels import implicit_stage, time_input
 import numpy as np
 
@@ -250,7 +250,7 @@ class Trial:
     def motion_program(self) -> Program:
         """Return the program of q', udot and the power that changes the energy, (n_q + n + 1,)."""
         free: Any = self.frictionless.equations
-        tree, driven = self.equations.tree, driven_kernel(self.robot) is not None
+        tree, driven = self.equations.tree, prescribes_motion(self.robot)
 
         def rates(q: Vector, u: Vector, tau: Vector, factors: Vector,
                   *inputs: Any) -> list[Scalar]:

@@ -13,13 +13,15 @@ from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.plant.simulated_drives import actuator_coordinates, settle_drives
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.simulation.energy_balance import EnergyBalance
+from kane_dynamics.simulation.motion_samples import motion_at
 from kane_dynamics.simulation.presliding import require_no_bristles
-from kane_dynamics.simulation.step_kernels import (deflections_of, state_names,
-                                                   step_kernel, StepChoice)
+from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
+                                                   state_names, step_kernel, StepChoice)
 from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
 from kane_dynamics.simulation.stepper import compile_rows, RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 BLOCK = 2000  # steps that are kept and checked together
@@ -145,9 +147,8 @@ class SimulatedArm:
         self._state, self._next = np.zeros((2, len(state_names(robot))))
         self._total = np.zeros((1, robot.n))
         self._q = self._state[:n_q]
-        self._u = self._state[n_q:n_q + robot.n]
+        self._rates = self._state[state_layout(robot).v]
         self.q = self._q[:n]
-        self._rates = np.zeros(n_q) if self._constrained else self._u
         self.u = self._rates[:n]
         self.effort = np.zeros(n)
         self._joint_torques = np.zeros(n_q)
@@ -224,7 +225,6 @@ class SimulatedArm:
         """
         # At rest, with bristles and springs of drives relaxed.
         self._rates[:] = 0.0
-        self._u[:] = 0.0
         deflections_of(self.robot, self._state)[:] = 0.0
         self.effort[:] = 0.0
         if q is None:
@@ -308,12 +308,10 @@ class SimulatedArm:
         else:
             self._state[:] = self._next
             self.energy.add(self._total[0], self._state)
-        if self._constrained:
-            self._rates[:] = self.robot.joint_rates(self._q, self._u)
 
     def _compensation(self, weights: Array) -> Array:
         """Return the generalized force of the terms that the arm adds itself, (n,)."""
-        terms = self.robot.torque_terms(self._q, self._u, self._at_rest)
+        terms = self.robot.torque_terms(self._q, speeds_in(self.robot, self._state), self._at_rest)
         added = np.where(self._driven, weights @ terms, 0.0)
         for link, motor in self._moved:
             added[motor] += added[link]
@@ -343,7 +341,8 @@ class SimulatedArm:
         """Return the names of the joints that friction holds; none with the smooth law."""
         if not self._sticks:
             return []
-        samples = self._rows.at_samples(self._state[None], self._total, np.zeros(1))
+        samples = motion_at(self.robot, self._state[None], self._total, np.zeros(1),
+                            self._rows)
         held = samples.sticking[0][:len(self.joint_names)]
         return [name for name, sticks in zip(self.joint_names, held) if sticks]
 

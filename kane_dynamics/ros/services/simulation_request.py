@@ -117,8 +117,7 @@ class SimulationRequest:
             raise InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
         # Events beyond the first ones would hide what else the message says.
-        changes = map(str, [*trajectory.speed_changes[:MOST_CHANGES],
-                            *trajectory.stop_events[:MOST_CHANGES]])
+        changes = map(str, trajectory.stop_events[:MOST_CHANGES])
         response.message = '\n'.join([*filter(None, [self.assumption]),
                                       *trajectory.warnings, *changes])
         response.wall_time = wall_time

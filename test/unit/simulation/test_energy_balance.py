@@ -52,18 +52,13 @@ def result_and_warnings(function):
 
 
 @pytest.mark.parametrize('step', [1e-3, 1e-4])
-def test_a_singularity_is_refused_with_its_time_before_the_balance_breaks(step):
-    with pytest.raises(ConstraintError,
-                       match=r'simulation, 0\.92\d* s: the independent speeds'):
-        # Pi / 2 / TURN = 0.924 s.
-        simulate(sleigh(), np.zeros(3), [0.0, TURN], 3.0, step=step)
-    refused_run, texts = result_and_warnings(
-        lambda: simulate(sleigh(), np.zeros(3), [0.0, TURN], 0.9, step=step))
-    assert refused_run.warnings == () and texts == []
+def test_singular_speeds_do_not_break_the_balance(step):
+    # The named speeds, and those that the library chooses, are singular at 0.924 s.
     changing = Robot(sleigh().model, constraints=sleigh().mechanism.constraints)
-    run, texts = result_and_warnings(
-        lambda: simulate(changing, np.zeros(3), [0.0, TURN], 3.0, step=step))
-    assert run.speed_changes and run.warnings == () and texts == []
+    for robot in (sleigh(), changing):
+        run, texts = result_and_warnings(
+            partial(simulate, robot, np.zeros(3), [0.0, TURN], 3.0, step=step))
+        assert run.warnings == () and texts == []
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])

@@ -23,16 +23,16 @@ def unwatched(robot):
 
 
 def state_after_a_step(robot, q, u, h):
-    """Return q and u after a step without torque."""
+    """Return q and the joint rates after a step without torque."""
     layout = state_layout(robot)
     state = np.ones(layout.size)
     state[layout.q] = q
-    state[layout.u] = u
+    state[layout.v] = robot.joint_rates(q, u)
     state_after = np.empty((1, layout.size))
     constants = np.concatenate([[h], robot.parameters.block])
     step_kernel(robot, False).scan([state[None], np.zeros((1, 1, robot.n))], state_after,
                                    constants=constants)
-    return state_after[0, layout.q], state_after[0, layout.u]
+    return state_after[0, layout.q], state_after[0, layout.v]
 
 
 @pytest.mark.parametrize('angle', [0.4, 1.3])

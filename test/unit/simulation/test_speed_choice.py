@@ -4,7 +4,7 @@ import warnings
 
 from kane_dynamics import (ConstraintError, Coupling, FlexibleLink, longest_step,
                            ModelBuilder, ModelWarning, point_mass, Prescribed, Robot,
-                           rod, simulate, Trajectory)
+                           rod, simulate)
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh, sleigh_path, SPIN
 import numpy as np
 import pytest
@@ -15,10 +15,7 @@ def test_a_motion_through_singular_independent_speeds_is_the_closed_form(step):
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.0, SPIN], 3.0, step=step, sample=0.1)
     np.testing.assert_allclose(run.q[:, :2], sleigh_path(run.t), atol=1e-8)
     assert np.ptp(run.energy.sum(axis=1)) < 1e-8 * run.energy[:, 0].max()
-    assert len(run.speed_changes) >= 2
-    first = run.speed_changes[0]
-    assert (first.before, first.after) == (('body/x', 'body/rz'), ('body/y', 'body/rz'))
-    assert 'change to body/y, body/rz' in str(first)
+    assert np.ptp(run.q[:, 2]) > np.pi  # x' determines the motion only while cos(rz) != 0
 
 
 def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
@@ -38,7 +35,6 @@ def test_torques_stay_dual_to_the_user_given_speeds_after_a_change():
     # independent.
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0,
                    step=1e-3, torque=[0.0, 0.2], sample=0.5)
-    assert run.speed_changes
     np.testing.assert_allclose(run.u[:, 1], SPIN + 0.5 * run.t, atol=1e-9)
     asked = []
 
@@ -51,35 +47,33 @@ def test_torques_stay_dual_to_the_user_given_speeds_after_a_change():
     np.testing.assert_allclose(asked, SPIN + 0.5 * np.arange(3001) * 1e-3, atol=1e-9)
 
 
-def test_many_simulations_change_their_speeds_each_when_it_must():
+def test_many_simulations_pass_singular_speeds_each_when_it_must():
     u0 = np.array([[0.0, SPIN], [0.0, 0.1], [0.0, -2.5]])
     together = simulate(sleigh(), np.zeros((3, 3)), u0, 2.0, step=1e-3, sample=0.25)
-    assert {change.state for change in together.speed_changes} == {0, 2}
     for k in range(3):
         alone = simulate(sleigh(), np.zeros(3), u0[k], 2.0, step=1e-3, sample=0.25)
         np.testing.assert_allclose(together.state(k).q, alone.q, atol=1e-10)
-        assert len(together.state(k).speed_changes) == len(alone.speed_changes)
 
 
-def test_speed_changes_are_saved(tmp_path):
-    run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.0, SPIN], 1.5, step=1e-3)
-    run.save_npz(tmp_path / 'run.npz')
-    assert Trajectory.load_npz(
-        tmp_path / 'run.npz').speed_changes == run.speed_changes != ()
+@pytest.mark.parametrize('step', [1e-3, 1e-4])
+def test_speeds_that_the_user_named_may_become_singular_on_the_way(step):
+    # The rocker turns back where its rate does not determine that of the crank.
+    q0 = at_angle(0.8)
+    named, crank = four_bar('rocker'), four_bar('crank')
+    u0 = [crank.joint_rates(q0, [5.0])[2]]
+    run = simulate(named, q0, u0, 2.0, step=step, torque=[0.3], sample=step)
+    assert (np.diff(np.sign(run.u[:, 0])) != 0).sum() >= 2
+    # The work of a constant torque on the rocker.
+    gained = run.energy.sum(axis=1) - run.energy[0].sum()
+    np.testing.assert_allclose(gained, 0.3 * (run.q[:, 2] - q0[2]), atol=1e-7)
+    # u and u' are those of the rocker's angle.
+    by_angle = np.gradient(run.q[:, 2], step, edge_order=2)
+    np.testing.assert_allclose(run.u[:, 0], by_angle, atol=1e-4 * (step / 1e-3)**2 * 20)
+    by_rate = np.gradient(run.u[:, 0], step, edge_order=2)
+    np.testing.assert_allclose(run.udot[:, 0], by_rate, atol=2e-2 * (step / 1e-3)**2 * 20)
 
 
-@pytest.mark.parametrize('step', [2e-3, 1e-3, 1e-4])
-def test_speeds_that_the_user_named_are_an_error_where_they_become_singular(step):
-    words = (r'simulation, 0\.63\d* s: the independent speeds rocker become singular '
-             r".*'pin', at \{'crank': 3\.1.*, u = \[0\.\d+\]")
-    with pytest.raises(ConstraintError, match=words):
-        simulate(four_bar('rocker'), at_angle(0.8), [1.97016605], 2.0, step=step)
-    with pytest.raises(ConstraintError,
-                       match=r"body/x, body/rz become singular .*'runner'"):
-        simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, step=step)
-
-
-@pytest.mark.parametrize('named', [('crank',), ('coupler',), ()])
+@pytest.mark.parametrize('named', [('crank',), ('coupler',), ('rocker',), ()])
 def test_every_regular_choice_of_speeds_gives_the_same_motion(named):
     q0 = at_angle(0.8)
     rates = four_bar('crank').joint_rates(q0, [5.0])
@@ -91,16 +85,11 @@ def test_every_regular_choice_of_speeds_gives_the_same_motion(named):
 
 
 @pytest.mark.parametrize('named', [('crank',), ('coupler',), ('rocker',), ()])
-def test_the_four_bar_of_the_readme_turns_fully_with_every_choice_or_says_why(named):
+def test_the_four_bar_of_the_readme_turns_fully_with_every_choice(named):
     q0 = at_angle(0.8)
     rates = four_bar('crank').joint_rates(q0, [5.0])
     robot = four_bar(*named)
     u0 = robot.mechanism.state(q0).speed_rows(robot.speed_names)[0] @ rates
-    if named == ('rocker',):  # it stands still at its ends, where the crank does not
-        with pytest.raises(ConstraintError,
-                           match=r"speeds rocker become singular .*'pin'"):
-            simulate(robot, q0, u0, 2.0, step=1e-3)
-        return
     run = simulate(robot, q0, u0, 2.0, step=1e-3)
     assert np.ptp(run.q[:, 0]) > 2.0 * np.pi
     assert np.ptp(run.energy.sum(axis=1)) < 1e-7 * run.energy[:, 0].max()
