@@ -24,12 +24,11 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.motion_samples import motion_at, motion_kernel
+from kane_dynamics.simulation.motion_samples import motion_at, motion_kernel, speeds_in
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 from kane_dynamics.simulation.presliding import bristle_energies
 from kane_dynamics.simulation.step_kernels import state_layout, times_of
 from kane_dynamics.simulation.step_size import bristle_frequency
-from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far

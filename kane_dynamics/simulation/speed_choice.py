@@ -33,11 +33,11 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error
+from kane_dynamics.simulation.motion_samples import dual_forces, parts_of, speeds_in
 from kane_dynamics.simulation.observers import diverged_error, Exchange, Extremes
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
 from kane_dynamics.simulation.stepping import Samples, Steps
 from kane_dynamics.simulation.torque_input import TorqueInput
-from kane_dynamics.simulation.user_speeds import dual_forces, parts_of, speeds_in
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # rad or lengths: largest residual after a step, before the correction
@@ -306,7 +306,7 @@ class ConstrainedSteps(Steps):
         """Return the robots in the choices of speeds so far, the user's first."""
         return list(dict.fromkeys([self.robot, *(robot for robot, _ in self._sources)]))
 
-    def best_choices(self, states: Array, times: Array) -> list[tuple[Robot, Array]]:
+    def best_choices(self, states: Array, times: Array) -> list[tuple[Robot, Any]]:
         """Return robots with the numbers of those of K states that are regular in their speeds."""
         robots = self._choices()
         if len(robots) == 1 or not len(states):
@@ -332,7 +332,8 @@ class ConstrainedSteps(Steps):
             for i, of_one in enumerate(states[:, rows]):
                 for robot, k in self.best_choices(of_one, self._time(done + rows)):
                     source = replace(self.source, robot=robot)
-                    result[i, k] = source.acting(states[i:i + 1], done)(rows[k])[0]
+                    power_of_choice: Any = source.acting(states[i:i + 1], done)
+                    result[i, k] = power_of_choice(rows[k])[0]
             return result
         return exchange._replace(torques=power)
 

@@ -363,8 +363,8 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     after: Vector = integrator_of(integrator).step(motion, reduced, h[0])
     q, u, others = np.split(after, [robot.n_q, robot.n_q + n])
     t = others[0] if len(start) else 0.0
-    v = equations.joint_speeds(q, u, t)
-    after = np.array([*q, *v, *others])
+    if not equations.in_joint_rates:
+        after = np.array([*q, *equations.joint_speeds(q, u, t), *others])
     # The margin, then one Newton step on the loops and unit quaternions.
     if watches_stages:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)

@@ -19,13 +19,14 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
-from kane_dynamics.simulation.motion_samples import motion_at
+from kane_dynamics.simulation.motion_samples import (actuator_torques, admissible,
+                                                     generalized_forces, motion_at,
+                                                     parts_of, speeds_in,
+                                                     speeds_of_motion)
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import constraint_residuals
-from kane_dynamics.simulation.user_speeds import (actuator_torques, generalized_forces,
-                                                  parts_of, speeds_in, speeds_of_motion)
 import numpy as np
 
 CHUNK_SECONDS = 0.01  # of steps between two progress reports: half of the documented bound
@@ -92,7 +93,7 @@ class Steps:
         """Return the torques of samples, (N, K, n), dual to the user's speeds."""
         return self.source.torques(samples.steps, samples.states)
 
-    def best_choices(self, states: Array, times: Array) -> list[tuple[Robot, Array]]:
+    def best_choices(self, states: Array, times: Array) -> list[tuple[Robot, Any]]:
         """Return robots with the numbers of those of K states that are regular in their speeds."""
         return [(self.robot, np.arange(len(states)))]
 
@@ -139,6 +140,7 @@ def sampled_quantities(user_robot: Robot, robot: Robot, states: Array, tau: Arra
         Rows with modes.
 
     """
+    states = admissible(robot, states)
     q, v, _ = parts_of(robot, states)
     # Kinetic and potential energy, by the kernel of the simulation's energy balance.
     terms = np.empty((len(states), TERMS))
@@ -165,7 +167,7 @@ def sampled_quantities(user_robot: Robot, robot: Robot, states: Array, tau: Arra
 def _row_forces_kernel(robot: Robot) -> Kernel:
     """Return the kernel of the forces of all rows, (m,), in a motion of the joints."""
     n_j = (robot.model.n,)
-    return robot.compiled(robot.equations.row_forces_of_motion, name='row_forces_of_motion',
+    return robot.compiled(robot.equations.row_forces_of_motion, name='constraint_forces_in_motion',
                           q=(robot.n_q,), v=n_j, vdot=n_j, applied=n_j,
                           shape=(len(robot.constraint_names),))
 

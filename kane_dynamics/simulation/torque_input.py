@@ -11,9 +11,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import load_friction_kernel
+from kane_dynamics.simulation.motion_samples import speeds_in
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
-from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 # How far inside a step its ends are: relative to the step, and at least in roundings of

@@ -13,7 +13,7 @@ from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.plant.simulated_drives import actuator_coordinates, settle_drives
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.simulation.energy_balance import EnergyBalance
-from kane_dynamics.simulation.motion_samples import motion_at
+from kane_dynamics.simulation.motion_samples import motion_at, speeds_in
 from kane_dynamics.simulation.presliding import require_no_bristles
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    state_names, step_kernel, StepChoice)
@@ -21,7 +21,6 @@ from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
                                                 without_coulomb)
 from kane_dynamics.simulation.stepper import compile_rows, RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
-from kane_dynamics.simulation.user_speeds import speeds_in
 import numpy as np
 
 BLOCK = 2000  # steps that are kept and checked together

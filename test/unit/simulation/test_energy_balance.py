@@ -3,7 +3,7 @@
 from functools import partial
 import warnings
 
-from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, Coupling,
+from kane_dynamics import (absolute_rates, ComputedTorque, Coupling,
                            FlexibleLink, Inertial, knife_edge, load_urdf, ModelBuilder,
                            Motion, Prescribed, Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path

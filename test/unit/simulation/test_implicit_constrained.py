@@ -7,7 +7,7 @@ from kane_dynamics import (absolute_rates, Closure, ComputedTorque, ConstraintEr
                            longest_step, ModelBuilder, ModelWarning, Motion, Robot, rod,
                            simulate)
 from kinds_of_mechanism import case
-from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh, sleigh_path, SPIN
+from linkages import at_angle, four_bar_model, PIN, sleigh, sleigh_path, SPIN
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -138,8 +138,7 @@ def test_singular_configurations_are_the_errors_of_every_integrator():
     with pytest.raises(ConstraintError,
                        match=r"kinematic singularity \(dead point\).*'pin'"):
         simulate(parallelogram, (1.0, -1.0, 1.0 - np.pi), [6.0], 3.0, **arguments)
-    with pytest.raises(ConstraintError, match=r"speeds rocker become singular .*'pin'"):
-        simulate(four_bar('rocker'), at_angle(0.8), [1.97016605], 2.0, **arguments)
-    with pytest.raises(ConstraintError,
-                       match=r"body/x, body/rz become singular .*'runner'"):
-        simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, **arguments)
+    # Speeds that the user named may be singular on the way.
+    run = simulate(sleigh('body/x', 'body/rz'), [0, 0, 0], [0.0, SPIN], 3.0, sample=0.1,
+                   **arguments)
+    np.testing.assert_allclose(run.q[:, :2], sleigh_path(run.t), atol=1e-4)

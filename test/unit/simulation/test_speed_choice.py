@@ -15,7 +15,7 @@ def test_a_motion_through_singular_independent_speeds_is_the_closed_form(step):
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.0, SPIN], 3.0, step=step, sample=0.1)
     np.testing.assert_allclose(run.q[:, :2], sleigh_path(run.t), atol=1e-8)
     assert np.ptp(run.energy.sum(axis=1)) < 1e-8 * run.energy[:, 0].max()
-    assert np.ptp(run.q[:, 2]) > np.pi  # x' determines the motion only while cos(rz) != 0
+    assert np.ptp(run.q[:, 2]) > np.pi  # x' does not determine it throughout
 
 
 def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
@@ -67,10 +67,11 @@ def test_speeds_that_the_user_named_may_become_singular_on_the_way(step):
     gained = run.energy.sum(axis=1) - run.energy[0].sum()
     np.testing.assert_allclose(gained, 0.3 * (run.q[:, 2] - q0[2]), atol=1e-7)
     # u and u' are those of the rocker's angle.
+    tolerance = 2e-3 * (step / 1e-3)**2
     by_angle = np.gradient(run.q[:, 2], step, edge_order=2)
-    np.testing.assert_allclose(run.u[:, 0], by_angle, atol=1e-4 * (step / 1e-3)**2 * 20)
+    np.testing.assert_allclose(run.u[:, 0], by_angle, atol=tolerance)
     by_rate = np.gradient(run.u[:, 0], step, edge_order=2)
-    np.testing.assert_allclose(run.udot[:, 0], by_rate, atol=2e-2 * (step / 1e-3)**2 * 20)
+    np.testing.assert_allclose(run.udot[:, 0], by_rate, atol=200.0 * tolerance)
 
 
 @pytest.mark.parametrize('named', [('crank',), ('coupler',), ('rocker',), ()])
