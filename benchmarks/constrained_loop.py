@@ -14,7 +14,7 @@ from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink
                            point_mass, PointVelocity, Robot, rod, Rolling, simulate)
 from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel
 from kane_dynamics.robot.kernel_set import KernelSet
-from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_kernels import state_layout, state_names
 from kane_dynamics.simulation.torque_input import torque_input
 from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
@@ -90,7 +90,7 @@ def watch_costs() -> list[Race]:
             source = torque_input(one, 1e-5, STATES, None, None, 'rk4')
             buffer = np.ones((1, STATES + 1, len(state_names(one))))
             buffer[0, 0, :robot.n_q] = q
-            buffer[0, 0, robot.n_q:robot.n_q + robot.n] = u
+            buffer[0, 0, state_layout(robot).v] = robot.joint_rates(q, u)
             loops[f'step {what}'] = partial(source.advance, buffer, 0)
             loops[f'dynamics {what}'] = kernel_loop(
                 one.kernels.quantity('forward_dynamics'),

@@ -115,7 +115,7 @@ def admissible(robot: Robot, states: Array) -> Array:
 
     After a step the rates of dependent joints are those before loops are closed.
     """
-    if not robot.constraint_names:
+    if not robot.equations.watched:
         return states
     result = states.copy()
     q, v, times = parts_of(robot, states)

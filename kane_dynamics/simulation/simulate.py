@@ -148,8 +148,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         (is not finite), with the time and the joint.
     ConstraintError
         The forces of contacts are not determined (Painleve's paradox). The motion comes to
-        a kinematic singularity (a dead point); independent speeds
-        that the user named become singular; constraints contradict each other; a loop's
+        a kinematic singularity (a dead point); constraints contradict each other; a loop's
         residual after one step is too large; or a user-defined function jumps or is not
         finite. Names the time, the constraint, and the configuration or the size of the
         jump.

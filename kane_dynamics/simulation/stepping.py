@@ -153,7 +153,7 @@ def sampled_quantities(user_robot: Robot, robot: Robot, states: Array, tau: Arra
                'udot': np.ascontiguousarray(of_user[:, 1]), 'energy': terms[:, :2],
                **motion._asdict()}
     vdot, friction = results.pop('vdot'), results.pop('friction')
-    if robot.constraint_names:
+    if robot.equations.watched:
         # All forces on the joints but those of the constraints.
         motors = actuator_torques(robot, user_robot, q, generalized, tau, times)
         applied = results['stop_forces'] + motors - friction
