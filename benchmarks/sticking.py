@@ -88,7 +88,7 @@ def step_times(robot: Robot, integrator: str) -> dict[str, float]:
     def steps_in(modes: list[RowMode]) -> Callable[[], object]:
         unlimited = np.array([rows.lower, rows.upper])
         choice_of_modes = ModeChoice(tuple(modes), (), np.zeros((0, 2)), np.zeros(0),
-                                     unlimited)
+                                     unlimited, np.zeros(len(modes)))
         numbers = choice_of_modes.numbers(rows)
         return lambda: kernel.scan([states, tau, numbers], results[1:],
                                    constants=constants)

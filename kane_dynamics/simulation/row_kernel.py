@@ -36,7 +36,8 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import (deflection_input, first_stage_inputs,
-                                                   independent_speeds, optional_inputs, RobotMotion,
+                                                   independent_speeds, optional_inputs,
+                                                   RobotMotion,
                                                    state_layout, step_signature,
                                                    StepChoice, tau_from, time_input,
                                                    traced_step, wrench_input)

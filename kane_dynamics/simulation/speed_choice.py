@@ -287,7 +287,8 @@ class ConstrainedSteps(Steps):
         travel = self.step * coordinate_rates(self.robot.model, q, v)
         end = beyond[:len(q)]
         # The dynamics of a singular state may have put the end anywhere.
-        if not (np.abs(end - q) <= FAR * (np.abs(travel) + self.robot.mechanism.units.max())).all():
+        size = self.robot.mechanism.units.max()
+        if not (np.abs(end - q) <= FAR * (np.abs(travel) + size)).all():
             end = q + travel
         t = self._time(done)
         places = [(end, t + self.step)]

@@ -6,8 +6,8 @@ code computes a chunk in a few milliseconds without the GIL, so progress is repo
 time.
 
 `Steps` computes states in native code, with rows that have modes. Two kinds of
-steps extend it: `speed_choice.ConstrainedSteps` chooses the independent speeds, and `callable_steps.CallableSteps` calls a torque function in Python before
-every step.
+steps extend it: `speed_choice.ConstrainedSteps` chooses the independent speeds, and
+`callable_steps.CallableSteps` calls a torque function in Python before every step.
 """
 
 from collections.abc import Callable, Sequence
