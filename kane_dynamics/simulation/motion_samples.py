@@ -190,8 +190,8 @@ def dual_forces(robot: Robot, user_robot: Robot, q: Array, forces: Array,
     # The inverse of `generalized_forces`, whose columns are its values for unit forces.
     columns = [generalized_forces(robot, user_robot, q, np.tile(unit, (len(q), 1)), times)
                for unit in np.eye(forces.shape[1])]
-    dual: Array = np.linalg.solve(np.stack(columns, axis=-1), forces[..., None])[..., 0]
-    return dual
+    dual = np.linalg.solve(np.stack(columns, axis=-1), forces[..., None])
+    return np.asarray(dual[..., 0], dtype=np.float64)
 
 
 @kernel_per_robot
