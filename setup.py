@@ -79,7 +79,7 @@ setup(
                 *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
                   for folder in ('config', 'config/diagnostics', 'launch', 'urdf')]],
     entry_points={'console_scripts': [
-        'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',
+        'kane_dynamics = kane_dynamics.ros.dynamics_node.main:main',
         'torque_guard = kane_dynamics.ros.guard.main:main',
         'plant_node = kane_dynamics.ros.plant.main:main',
         'monitor_node = kane_dynamics.ros.monitor_node.main:main',

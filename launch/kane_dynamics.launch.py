@@ -1,10 +1,10 @@
 """
 Start the node, its guard and, optionally, a robot and robot_state_publisher.
 
-    ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
-    ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
+    ros2 launch kane_dynamics kane_dynamics.launch.py params_file:=ur10e.yaml
+    ros2 launch kane_dynamics kane_dynamics.launch.py params_file:=/my/arm.yaml namespace:=left
     ros2 launch kane_dynamics kane_dynamics.launch.py urdf:=/my/arm.urdf arm_compensates:=none
-    ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml plant:=plant.yaml
+    ros2 launch kane_dynamics kane_dynamics.launch.py params_file:=ur10e.yaml plant:=plant.yaml
 """
 
 import os
@@ -26,7 +26,7 @@ RESPAWN_DELAY = 1.0  # s after which a node or a guard that ended starts again
 # Arguments that describe the robot to the node and to the plant.
 DESCRIPTION = ('urdf', 'supplement', 'constraints', 'arm_compensates', 'prefix')
 ARGUMENTS = {
-    'config': (
+    'params_file': (
         '', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
     'arm_compensates': (
@@ -51,8 +51,8 @@ ARGUMENTS = {
     'guard': (
         'true', 'start torque_guard, which holds the arm when the node dies or hangs'),
     'monitor': (
-        'false', 'start monitor_node with config: payload estimate, watch over the model'),
-    'plant': ('', 'parameter file of a simulated robot to start, given like config'),
+        'false', 'start monitor_node with params_file: payload estimate, watch over the model'),
+    'plant': ('', 'parameter file of a simulated robot to start, given like params_file'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }
 
@@ -102,7 +102,9 @@ def nodes(context):
         simulated = truth('use_sim_time', value['use_sim_time'])
         clock = [{'use_sim_time': simulated}]
         clock_source = [{'publish_clock': simulated}]
-    config = [parameter_file('config', value['config'])] if value['config'] else []
+    config = []
+    if value['params_file']:
+        config = [parameter_file('params_file', value['params_file'])]
     remappings = []
     for topic in ('commands', 'joint_states'):
         if value[topic] != topic:
@@ -117,7 +119,7 @@ def nodes(context):
     if managed:
         activation = [{'autostart': False, 'bond': True}]
     started = [LifecycleNode(
-        package=PACKAGE, executable='dynamics_node', name=PACKAGE,
+        package=PACKAGE, executable='kane_dynamics', name=PACKAGE,
         namespace=value['namespace'],
         parameters=[*config, *chosen, *activation, *clock, {'guard.enabled': guarded}],
         output='screen', remappings=remappings, respawn=True,
@@ -143,7 +145,7 @@ def nodes(context):
                          'service_timeout': CONFIGURING}, *clock]))
     if value['plant']:
         started.append(Node(
-            package=PACKAGE, executable='plant_node', name='plant',
+            package=PACKAGE, executable='plant_node', name='plant_node',
             namespace=value['namespace'],
             parameters=[parameter_file('plant', value['plant']), *chosen, *clock_source],
             output='screen', remappings=remappings))

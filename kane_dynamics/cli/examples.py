@@ -106,13 +106,13 @@ A table of held poses has the columns q.<joint> and tau.<joint>, one row a pose.
 poses or more, each approached from both sides, give gravity, offsets and friction. The
 scales of the efforts can be told apart from the masses only by a known load in about
 half of the poses. --out arm.supplement.yaml also writes arm.supplement.node.yaml, which
-the node reads at once: dynamics_node --ros-args --params-file ...
+the node reads at once: kane_dynamics --ros-args --params-file ...
 
 With --collision the recording is as for identify, of half a minute or more: the task at
 its speeds with its payload and no contact. Friction beyond that of the model is fitted;
 thresholds are 1.4 times the largest error that remains plus a tenth of the friction,
 which may change so much. --out is a parameter file: ros2 run kane_dynamics
-dynamics_node --ros-args --params-file thresholds.yaml ...""",
+kane_dynamics --ros-args --params-file thresholds.yaml ...""",
     'excite': """
 examples:
   kane-dynamics excite arm.urdf --out motion.csv

@@ -36,7 +36,7 @@ def test_commands_in_other_texts_agree_with_the_table_of_arms(name):
 
 
 def test_every_command_that_starts_a_node_is_found():
-    """The words `dynamics_node --ros-args` and the launch file are as many as starts."""
+    """The words `kane_dynamics --ros-args` and the launch file are as many as starts."""
     pages = [path.read_text(encoding='utf-8') for path in PAGES]
     text = '\n'.join([*pages, *TEXTS.values()])
     program = r'(?:(?:dynamics|plant)_node --ros-args|ros2 launch kane_dynamics )'
@@ -64,7 +64,7 @@ YAML = """```yaml
 ```
 """
 TWO_LINES = """```console
-$ .venv/bin/dynamics_node --ros-args -p urdf:=urdf/ur10e.urdf \\
+$ .venv/bin/kane_dynamics --ros-args -p urdf:=urdf/ur10e.urdf \\
     -p arm_compensates:=none
 ```
 """
@@ -77,12 +77,14 @@ LAUNCH = 'ros2 launch kane_dynamics kane_dynamics.launch.py '
      (YAML.format(statement='arm_compensates: [none]'), 'count twice'),
      (YAML.format(statement='arm_compensates: [friction]'), 'count twice'),
      (YAML.format(statement='arm_compensates: [gravity]'), 'expected gravity, friction'),
-     (f'```sh\n{LAUNCH}config:=ur10e.yaml arm_compensates:=none\n```\n', 'count twice'),
+     (f'```sh\n{LAUNCH}params_file:=ur10e.yaml arm_compensates:=none\n```\n',
+      'count twice'),
      (f'```sh\n{LAUNCH}urdf:=urdf/ur10e.urdf\n```\n', 'not stated'),
-     (f'```sh\n{LAUNCH}config:=two_link.yaml urdf:=urdf/fr3.urdf\n```\n', 'count twice'),
+     (f'```sh\n{LAUNCH}params_file:=two_link.yaml urdf:=urdf/fr3.urdf\n```\n',
+      'count twice'),
      (TWO_LINES, 'count twice'),
      ('```sh\nplant_node --ros-args -p urdf:=urdf/ur10e.urdf\n```\n', 'count twice'),
-     (('```sh\nros2 run kane_dynamics dynamics_node --ros-args -p '
+     (('```sh\nros2 run kane_dynamics kane_dynamics --ros-args -p '
        'urdf:=my_arm.urdf\n```\n'), 'not stated')])
 def test_a_page_that_starts_an_arm_with_gravity_twice_is_found(text, words, tmp_path):
     page = tmp_path / 'page.md'
@@ -97,8 +99,9 @@ def test_a_page_that_starts_an_arm_with_gravity_twice_is_found(text, words, tmp_
 def test_an_arm_of_the_reader_and_a_right_statement_are_no_faults(tmp_path):
     page = tmp_path / 'page.md'
     page.write_text(YAML.format(statement='arm_compensates: [gravity, friction]')
-                    + f'```sh\n{LAUNCH}config:=$PWD/arm.yaml plant:=plant.yaml\n'
-                    + f'{LAUNCH}config:=/my/arm.yaml\n' + 'dynamics_node --ros-args -p '
+                    + f'```sh\n{LAUNCH}params_file:=$PWD/arm.yaml plant:=plant.yaml\n'
+                    + f'{LAUNCH}params_file:=/my/arm.yaml\n'
+                    + 'kane_dynamics --ros-args -p '
                     'urdf:=arm.urdf -p arm_compensates:=none\n```\n')
     starts = starts_of_page(page)
     assert len(starts) == 5

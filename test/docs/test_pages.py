@@ -56,10 +56,10 @@ def test_ros_commands_and_parameters_exist(page):
 
 @pytest.mark.parametrize('line', [
     'ros2 launch kane_dynamics kane_dynamics.launch.py configuration:=ur10e.yaml',
-    'ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10f.yaml',
+    'ros2 launch kane_dynamics kane_dynamics.launch.py params_file:=ur10f.yaml',
     'ros2 param set /kane_dynamics gains.kq 1.0',
     'ros2 param set /kane_dynamics gains.kp -1.0',
-    'ros2 param set /kane_dynamics urdf a.urdf', 'dynamics_node --ros-args -p mod:=a',
+    'ros2 param set /kane_dynamics urdf a.urdf', 'kane_dynamics --ros-args -p mod:=a',
     'ros2 topic echo /kane_dynamics/joint_torque', 'ros2 run kane_dynamics dynamic_node',
     'ros2 service call /x/set_payload kane_dynamics_interfaces/srv/SetPayload "{m: 1}"',
     'make document'])

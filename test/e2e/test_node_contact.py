@@ -27,7 +27,7 @@ def module_node():
     process = Process(robot_description=f"'{URDF}'", state_timeout=1.0,
                       wrench__timeout=0.5,
                       wrench__frames='[c,b]', observer__enabled=True,
-                      observer__threshold=THRESHOLD, observer__rate=1000.0)
+                      observer__threshold=THRESHOLD)
     yield process
     assert process.end()[0] == 0, process.log
 

@@ -168,7 +168,7 @@ def test_the_node_moves_an_elastic_arm_in_plant_node(module_node, client, simula
         # state.
         assert client.call(ChangeState, f'{NAME}/change_state', transition=Transition(
             id=Transition.TRANSITION_DEACTIVATE)).success
-        assert client.call(SetBool, '/plant/pause', data=False).success
+        assert client.call(SetBool, '/plant_node/pause', data=False).success
         assert wait_until(lambda: len(states) > 5, 60.0), simulated.log
         model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=JOINTS,
                           supplement={'drives': DRIVES})

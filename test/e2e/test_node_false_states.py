@@ -157,7 +157,7 @@ def test_the_arm_moves_neither_by_false_states_nor_by_impossible_motions(two_lin
     assert arm.drops(JUMP) == jumps
     # An encoder breaks, and stays broken.
     assert arm.client.adjust(state_check__action='hold').successful
-    assert arm.client.call(SetBool, '/plant/pause', data=True).success
+    assert arm.client.call(SetBool, '/plant_node/pause', data=True).success
     held = Robot(load_urdf(TWO_LINK)).gravity_force(arm.place())
     end = time.monotonic() + 0.4
     while time.monotonic() < end:
@@ -200,7 +200,7 @@ def test_no_false_state_moves_an_arm_of_mujoco(client, start, tmp_path):
         arm.node.wait_for('active, mode', 120.0)
         # A reset would be a jump, which an active node refuses: the servo ends where it
         # holds.
-        assert client.call(SetBool, '/plant/servo', data=False).success
+        assert client.call(SetBool, '/plant_node/servo', data=False).success
         arm.wait()
         assert wait_until(lambda: rests(arm), 10.0)
         arm.check_each([

@@ -167,7 +167,7 @@ def errors(filler):
                             '100', '10', '0.2'])
 
     def errors(publisher):
-        assert filler.client.call(Trigger, '/plant/reset').success
+        assert filler.client.call(Trigger, '/plant_node/reset').success
         count_before = len(loop.log)
         publisher.publish(trajectory())
         assert wait_until(lambda: ']' in loop.log[count_before:], 60.0), loop.log

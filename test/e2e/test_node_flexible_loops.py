@@ -40,7 +40,7 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
     bent = QuasiStatic(flexible)
     order = driven_places()
     node = start(observer__enabled=True, observer__torque='effort', observer__gain=100.0,
-                 state_timeout=30.0, observer__frame='tool', **files)
+                 state_timeout=30.0, cartesian__frame='tool', **files)
     node.wait_for('active, mode', 120.0)
     assert 'quasi-static deflection lower_arm/mode_1, upper_arm/mode_1' in node.log
     client.joints = DRIVEN

@@ -41,7 +41,7 @@ class Arm:
         self.states = []  # position, velocity, effort, stamp
         self.feedback = []
         self.action = f'{namespace}{NAME}/{ACTION}'
-        self.wrenches = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
+        self.wrenches = client.create_publisher(WrenchStamped, '/plant_node/wrench', 1)
         self.subscription = client.create_subscription(
             JointState, f'{namespace}/joint_states', self._on_state, DEEP)
 

@@ -67,7 +67,6 @@ def test_an_imu_on_the_base_sets_the_direction_of_gravity(client, start):
     ("'payload.frame': 'base', a frame that does not move", {'payload__frame': 'base'}),
     ('mass: 60 kg', {'payload__frame': 'c', 'payload__mass': 60.0}),
     ('payload.frame is empty; expected a frame', {'payload__mass': 1.0}),
-    ("frame of the IMU: 'b', which moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),
 ])
 def test_invalid_loads_leave_the_node_unconfigured_with_the_reason(
         client, start, words, parameters):

@@ -39,13 +39,13 @@ class Pair:
             self.client.destroy_subscription(subscription)
 
     def adjust(self, **parameters):
-        assert self.client.adjust('/plant', **parameters).successful
+        assert self.client.adjust('/plant_node', **parameters).successful
 
     def pause(self, on):
-        assert self.client.call(SetBool, '/plant/pause', data=on).success
+        assert self.client.call(SetBool, '/plant_node/pause', data=on).success
 
     def reset(self):
-        assert self.client.call(Trigger, '/plant/reset').success
+        assert self.client.call(Trigger, '/plant_node/reset').success
 
     def answered(self, count=10, timeout=10.0):
         """Wait until the node answers states of now, and return the last torques."""

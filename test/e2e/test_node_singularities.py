@@ -110,10 +110,9 @@ def test_an_arm_is_led_through_a_singular_configuration_over_dds(
                    cartesian__posture_stiffness=posture_stiffness,
                    cartesian__max_force=SETTINGS['cartesian.max_force'],
                    cartesian__max_moment=SETTINGS['cartesian.max_moment'],
-                   target__max_speed=0.5, target__max_acceleration=2.0,
-                   target__max_angular_speed=1.5, target__max_angular_acceleration=6.0,
+                   target__max_speed=0.5, target__max_angular_speed=1.5,
                    use_sim_time='true', state_timeout=1.0, real_states=True,
-                   task_state__rate=500, diagnostics_rate=20)
+                   diagnostics_rate=20)
     settings = cartesian_settings(node_values(
         {**SETTINGS, 'cartesian.posture_stiffness': posture_stiffness}), robot)
     law = CartesianImpedance(robot, arm.frame, **{'posture': start, **settings})

@@ -41,7 +41,7 @@ class Arm:
                             cartesian__frame=FRAME,
                             cartesian__stiffness=STIFFNESS, use_sim_time='true',
                             state_timeout=1.0, limits__rate=1000.0, blend_time=0.1,
-                            real_states=True, task_state__rate=100, diagnostics_rate=20)
+                            real_states=True, diagnostics_rate=20)
         self.states = []
         self.now = 0
         self.robot = Robot(load_urdf(URDF, joints=list(JOINTS)))
@@ -50,7 +50,7 @@ class Arm:
             for kind, topic in ((PoseStamped, 'target_pose'),
                                 (TwistStamped, 'target_twist'),
                                 (WrenchStamped, 'target_wrench'))}
-        self.push = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
+        self.push = client.create_publisher(WrenchStamped, '/plant_node/wrench', 1)
         self._open = [client.create_subscription(TaskState, f'{NAME}/task_state',
                                                  self.states.append, DEEP),
                       client.create_subscription(Clock, '/clock', self._on_clock, DEEP)]

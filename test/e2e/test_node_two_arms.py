@@ -99,7 +99,7 @@ def test_a_timeout_of_one_arm_does_not_affect_the_other(arms, client):
     left = arms['left']
     right = arms['right']
     assert wait_until(lambda: right.torques, 60.0)
-    assert client.call(SetBool, '/right/plant/pause', data=True).success
+    assert client.call(SetBool, '/right/plant_node/pause', data=True).success
     assert wait_until(lambda: not any(right.commands[-1]), 3.0)
     left.commands.clear()
     time.sleep(0.3)
@@ -107,7 +107,7 @@ def test_a_timeout_of_one_arm_does_not_affect_the_other(arms, client):
     assert all(map(any, left.commands))
     assert not any(right.commands[-1])
     left.right_answers()
-    assert client.call(SetBool, '/right/plant/pause', data=False).success
+    assert client.call(SetBool, '/right/plant_node/pause', data=False).success
     assert wait_until(lambda: any(right.commands[-1]), 3.0)
 
 

@@ -20,7 +20,7 @@ import yaml
 
 DEFAULTS = {'plant_node': {'arm_compensates': next(
     spec.default for spec in PLANT_SPECS if spec.name == 'arm_compensates')}}
-NODES = {'dynamics_node', 'plant_node'}
+NODES = {'kane_dynamics', 'plant_node'}
 
 
 class Start(NamedTuple):
@@ -68,7 +68,8 @@ def starts_of_text(text, where, files=None):
     """Return the starts of the commands in a text."""
     starts = []
     for line in re.sub(r'\\+\n\s*', ' ', text).splitlines():
-        if re.search(r'dynamics_node|plant_node|kane_dynamics\.launch\.py', line):
+        if re.search(r'kane_dynamics --ros-args|plant_node|kane_dynamics\.launch\.py',
+                     line):
             starts += starts_of_line(line.strip().removeprefix('$ '), where, files or {})
     return starts
 
@@ -80,7 +81,8 @@ def starts_of_line(line, where, files):
     names = [word.rsplit('/', 1)[-1] for word in words]
     if 'kane_dynamics.launch.py' in names and 'launch' in names:
         return launched(words[names.index('kane_dynamics.launch.py') + 1:], where, files)
-    executable = next((name for name in names if name in NODES), None)
+    # The last one, because `ros2 run` has the name of the package before it.
+    executable = next((name for name in reversed(names) if name in NODES), None)
     if executable is None or '--ros-args' not in words:
         return []
     parameters = {}
@@ -104,8 +106,9 @@ def launched(words, where, files):
         if name in arguments:
             shared[name] = arguments[name]
     starts = []
-    for argument, executable in (('config', 'dynamics_node'), ('plant', 'plant_node')):
-        if argument in arguments or executable == 'dynamics_node':
+    for argument, executable in (
+            ('params_file', 'kane_dynamics'), ('plant', 'plant_node')):
+        if argument in arguments or executable == 'kane_dynamics':
             content, known = of_file(arguments[argument],
                                      files) if argument in arguments else ({}, True)
             starts.append(Start(where, executable, content | shared, known))
@@ -142,8 +145,9 @@ def starts_of_parameters(text, where):
     """Return the starts of a parameter file: the nodes whose parameters name a URDF."""
     starts = []
     for name, parameters in _nodes(text):
-        plant = name.rsplit('/', 1)[-1] == 'plant' or 'hold_until_command' in parameters
+        plant = (name.rsplit('/', 1)[-1] == 'plant_node'
+                 or 'hold_until_command' in parameters)
         if 'urdf' in parameters:
-            executable = 'plant_node' if plant else 'dynamics_node'
+            executable = 'plant_node' if plant else 'kane_dynamics'
             starts.append(Start(f'{where}, {name}', executable, parameters, True))
     return starts

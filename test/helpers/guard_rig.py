@@ -193,7 +193,7 @@ class Rig:
                             and recorder.motions.get_subscription_count() > 0, 90.0)
         # Switch the servo off that held the arm; a reset would be a jump.
         if self._mujoco:
-            client = recorder.create_client(SetBool, '/plant/servo')
+            client = recorder.create_client(SetBool, '/plant_node/servo')
             recorder.spin_until(client.service_is_ready)
             future = client.call_async(SetBool.Request(data=False))
             recorder.spin_until(future.done)

@@ -14,9 +14,10 @@ from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import yaml
 
 TABLES = {'kane_dynamics': {spec.name: spec for spec in SPECS},
-          'plant': {spec.name: spec for spec in plant_specs.SPECS}, 'torque_guard': {},
+          'plant_node': {spec.name: spec for spec in plant_specs.SPECS},
+          'torque_guard': {},
           'monitor_node': {spec.name: spec for spec in monitor_parameters.ALL}}
-EXECUTABLES = {'dynamics_node': 'kane_dynamics', 'plant_node': 'plant',
+EXECUTABLES = {'kane_dynamics': 'kane_dynamics', 'plant_node': 'plant_node',
                'torque_guard': 'torque_guard', 'monitor_node': 'monitor_node'}
 FOREIGN = {'use_sim_time'}  # of every node
 ELSEWHERE = {'security', 'controller_manager'}  # verbs and packages that are not ours
@@ -47,7 +48,7 @@ def check_launch(file, *arguments):
     declared = launch_arguments(file)
     for name, _, value in (argument.partition(':=') for argument in arguments):
         assert name in declared, f'{file} has no argument {name!r}'
-        if name in ('config', 'plant') and '/' not in value:
+        if name in ('params_file', 'plant') and '/' not in value:
             assert (ROOT / 'config' / value).is_file(), value
 
 

@@ -47,4 +47,4 @@ def test_every_attribute_of_a_robot_has_a_reason():
 def test_every_parameter_of_the_node_has_a_reason():
     # A group of parameters is named by its prefix: `guard.*`.
     names = {re.sub(r'\..*', '.*', spec.name) for spec in SPECS}
-    assert_each_is_in_one_group(groups('parameters of `dynamics_node`'), names)
+    assert_each_is_in_one_group(groups('parameters of `kane_dynamics`'), names)

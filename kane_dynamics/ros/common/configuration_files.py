@@ -11,8 +11,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.model.model import Model
-from kane_dynamics.urdf import expand_xacro, load_urdf
-from kane_dynamics.urdf.xacro_file import arguments_of
+from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 PACKAGE = 'kane_dynamics'
@@ -75,7 +74,6 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     supplement = None
     if values['supplement']:
         supplement = resolve_path('supplement', values['supplement'])
-    source = expanded(source, values)
     joints = list(values['joints']) or None  # None: all
     # Warnings of the model go to the node's log.
     with warnings.catch_warnings(record=True) as caught:
@@ -88,16 +86,6 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     if not model.n:
         raise InputError(f"robot '{model.name}': no joint that moves; expected at least one")
     return model.prefixed(values['prefix']) if values['prefix'] else model
-
-
-def expanded(source: str | Path, values: Mapping[str, Any]) -> str | Path:
-    """Return the URDF of a xacro file with arguments, and other sources as they are."""
-    if not values['xacro_arguments']:
-        return source
-    if not isinstance(source, Path):
-        raise InputError("parameter 'xacro_arguments': given with a URDF as text; "
-                         "expected them with the path of a xacro file in 'urdf'")
-    return expand_xacro(source, arguments_of(values['xacro_arguments']))
 
 
 def locked_joints(source: str | bytes | Path, prefix: str,

@@ -20,7 +20,7 @@ from kane_dynamics.ros.joint_trajectory_action.action_server import (
     FEEDBACK_MODES, follow_joint_trajectory_type)
 from kane_dynamics.ros.loads.gravity_payload import parameter_loads
 from kane_dynamics.ros.modes.task_modes import TaskModes
-from kane_dynamics.ros.monitors.contact_monitor import observed_frame, UNCALIBRATED
+from kane_dynamics.ros.monitors.contact_monitor import UNCALIBRATED
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
@@ -32,7 +32,6 @@ from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
 import numpy as np
 
-PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics
 FILES = ('robot_description', 'urdf', 'supplement', 'constraints')
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
@@ -263,7 +262,7 @@ class ConfigurationExamination:
             return
         # Both are compared as models: other texts may describe the same arm.
         try:
-            same = load_model(urdf, {**values, 'xacro_arguments': ()},
+            same = load_model(urdf, values,
                               lambda warning: None).digest() == model.digest()
         except KaneError:
             same = False
@@ -332,7 +331,7 @@ class ConfigurationExamination:
         if values['observer.enabled'] and not values['observer.threshold'].size:
             self._find('warning', UNCALIBRATED)
         if values['imu.topic']:
-            self._attempt(GravityFromImu, rigid, values['imu.frame'],
+            self._attempt(GravityFromImu, rigid,
                           float(np.linalg.norm(values['gravity'])),
                           values['imu.time_constant'], lambda gravity: None)
         loads = self._attempt(parameter_loads, rigid, values)
@@ -342,14 +341,8 @@ class ConfigurationExamination:
 
     def _check_node_name(self) -> None:
         """Report a block that takes no effect because of its name."""
-        # The program's name and the node's differ: only the node's counts in files.
         name = self._block.node.rpartition('/')[2]
-        if name == PROGRAM:
-            self._loads = False
-            self._find('problem',
-                       f"'{name}': the program, whose parameters take no effect; "
-                       f'expected the name of its node, {PACKAGE}, or {WILDCARD}')
-        elif self._block.node != WILDCARD and name != PACKAGE:
+        if self._block.node != WILDCARD and name != PACKAGE:
             self._find('warning',
                        f'takes effect only for a node of this name (-r __node:={name})'
                        f'; expected {PACKAGE}, the name in the launch file')
@@ -364,9 +357,6 @@ class ConfigurationExamination:
 
     def _check_frames(self, values: dict[str, Any], model: Model) -> None:
         """Report frames that do not exist, and replace them for the further checks."""
-        # Frames of what is switched off may be wrong.
-        unused = {'observer.frame': not values['observer.enabled'],
-                  'imu.frame': not values['imu.topic']}
         replacement = {'payload.frame': model.bodies[-1].name, 'wrench.frames': ()}
         known = sorted(frame.name for frame in model.frames)
         for name in FRAMES:
@@ -374,12 +364,10 @@ class ConfigurationExamination:
             if isinstance(frames, str):
                 frames = [frames]
             unknown = [frame for frame in frames if frame and frame not in known]
-            if unknown and not unused.get(name):
+            if unknown:
                 self._find('problem', f"parameter '{name}': {listed(unknown)}; expected "
                            f'frames of {", ".join(known)}')
                 values[name] = replacement.get(name, '')
-        if values['observer.enabled']:
-            self._attempt(model.frame, observed_frame(values, model))
 
     def _attempt(self, check: Callable[..., Any], *arguments: Any,
                  **keywords: Any) -> Any:
@@ -420,9 +408,9 @@ def _blocks(path: Path) -> list[ParameterBlock]:
 def _is_ours(node: str, stated: Mapping[str, Any]) -> bool:
     """Return whether a block is of a dynamics node, by name or by its parameters."""
     node_name = node.rpartition('/')[2]
-    if node == WILDCARD or node_name in (PACKAGE, PROGRAM):
+    if node == WILDCARD or node_name == PACKAGE:
         return True
-    if node_name == 'plant':
+    if node_name == 'plant_node':
         return False
     # By its parameters: more than half are known, and not more are those of a plant.
     names = {name for name in stated if name.partition('.')[0] not in FOREIGN}

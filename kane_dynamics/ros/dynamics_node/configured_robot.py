@@ -187,7 +187,7 @@ class ConfiguredRobot:
         if values['imu.topic']:
             magnitude = float(np.linalg.norm(values['gravity']))
             self.gravity_source = GravityFromImu(
-                model, values['imu.frame'], magnitude, values['imu.time_constant'],
+                model, magnitude, values['imu.time_constant'],
                 lambda gravity: self._change(gravity=gravity), self._transforms)
         # Check the parameters before the long compilation.
         self._qos_is_overridden = self._examine_overrides()

@@ -1,5 +1,5 @@
 """
-The program `dynamics_node`: entry point, executors, threads, shutdown.
+The program `kane_dynamics`: entry point, executors, threads, shutdown.
 
 The torque path spins in the main thread on the EventsExecutor, whose overhead for each
 message is an order of magnitude lower than that of the other executors; the services
@@ -22,13 +22,13 @@ SWITCH_INTERVAL = 5e-5
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `dynamics_node`; return the exit code."""
+    """Run `kane_dynamics`; return the exit code."""
     exit_on_signal()
     # Imported late, so that signals are handled from the beginning.
     from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
     to_controller = '-r commands:=/forward_effort_controller/commands'
     program = RosProgram(
-        'dynamics_node', 'kane_dynamics',
+        'kane_dynamics', 'kane_dynamics',
         'Publish the torques of an arm for each of its joint states.',
         ('--ros-args -p urdf:=arm.urdf -p arm_compensates:=none',
          '--ros-args --params-file arm.yaml',

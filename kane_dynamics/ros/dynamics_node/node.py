@@ -13,8 +13,8 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.ros.common import realtime
-from kane_dynamics.ros.common.configuration_files import (expanded, load_model,
-                                                          locked_joints, resolve_path)
+from kane_dynamics.ros.common.configuration_files import (load_model, locked_joints,
+                                                          resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -329,8 +329,7 @@ class DynamicsNode(LifecycleNode):
             self.arm = ConfiguredRobot(self, self.server, model, self.values,
                                        self.statistics, self._warn)
         if self.values['joints'] or self.values['base'] or self.values['tip']:
-            whole = expanded(source, self.values)
-            locked = locked_joints(whole, self.values['prefix'], model)
+            locked = locked_joints(source, self.values['prefix'], model)
             self.arm.path.require_locked(locked)
         if self.values['bond']:
             self._open_bond()

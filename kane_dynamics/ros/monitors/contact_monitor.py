@@ -9,13 +9,13 @@ from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
-from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
-from kane_dynamics.ros.parameters.task_settings import friction_beyond_model
+from kane_dynamics.ros.parameters.task_settings import (controlled_frame,
+                                                        friction_beyond_model)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
 from rclpy.publisher import Publisher
@@ -65,17 +65,6 @@ def friction_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     calibrated = bool(np.isfinite(threshold).all())
     settings['memory'] = values['observer.friction.memory'] if calibrated else np.inf
     return settings | {'largest': threshold}
-
-
-def observed_frame(values: Mapping[str, Any], model: Model) -> str:
-    """
-    Return the frame of the estimated wrench.
-
-    It is observer.frame, else tip, else the last link.
-    """
-    return str(values['observer.frame'] or (values['tip'] and values['prefix']
-                                            + values['tip'])
-               or model.bodies[-1].name)
 
 
 def _same(settings: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
@@ -132,7 +121,7 @@ class ContactMonitor:
         self._observer = MomentumObserver(robot, gain=settings.pop('gain'))
         self.detector = CollisionDetector(joints, **settings)
         self._torque_message = joint_state_of_efforts(joints)
-        frame = observed_frame(values, robot.model)
+        frame = controlled_frame(values, robot.model)
         self._wrench_message = wrench_stamped(frame)
         self._workspace = robot.bind()
         self._pose = self._workspace.at_frame('frame_pose', frame)

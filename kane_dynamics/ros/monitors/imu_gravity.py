@@ -27,11 +27,11 @@ class GravityFromImu:
     """
     Low-pass filter of the direction of gravity, updated in the services' thread.
 
+    The frame of a message has to be fixed to the base.
+
     Parameters
     ----------
     model : Model
-    frame : str
-        Frame of the IMU, fixed to the base; empty: frame_id of each message.
     magnitude : float
         Magnitude of gravity, m/s^2.
     time_constant : float
@@ -44,23 +44,18 @@ class GravityFromImu:
     Raises
     ------
     InputError
-        The frame does not exist or moves, or the magnitude is zero.
+        The magnitude is zero.
 
     """
 
-    def __init__(self, model: Model, frame: str, magnitude: float, time_constant: float,
+    def __init__(self, model: Model, magnitude: float, time_constant: float,
                  use: Callable[[Array], None],
                  transforms: TransformTree | None = None) -> None:
         self._model = model
         self._find_frame = model.frame if transforms is None else transforms.frame
-        self._frame = frame
         self._magnitude = magnitude
         self.time_constant = time_constant
         self._use = use
-        # Transforms of a frame that the model lacks arrive later.
-        known = frame in [of_model.name for of_model in model.frames]
-        if frame and (known or transforms is None):
-            self._rotation(frame)
         if magnitude == 0.0:
             raise InputError("parameter 'gravity': zero; expected a magnitude above "
                              'zero, as the IMU gives the direction only')
@@ -123,7 +118,7 @@ class GravityFromImu:
         if message.angular_velocity_covariance[0] != -1.0 and not turn <= REST_RATE:
             raise InputError(f'angular velocity of the IMU: {turn:.3g} rad/s; expected, '
                              f'at rest, at most {REST_RATE:g} rad/s')
-        world: Array = self._rotation(self._frame or message.header.frame_id) @ force
+        world: Array = self._rotation(message.header.frame_id) @ force
         return world
 
     def _rotation(self, name: str) -> Array:

@@ -17,8 +17,8 @@ from kane_dynamics.ros.monitors.attached_objects import check_attached_objects
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
                                                         ContactPublishers,
                                                         friction_settings,
-                                                        observed_frame,
                                                         observer_settings)
+from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.lifecycle import LifecycleNode
@@ -68,8 +68,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     if values['observer.enabled']:
         observer_settings(values, robot)
         friction_settings(values, robot)
-        check_frames(robot.model, [observed_frame(values, robot.model)],
-                     'observer.frame')
+        check_frames(robot.model, [controlled_frame(values, robot.model)],
+                     'cartesian.frame')
         stated_efforts(values, robot)
 
 

@@ -23,8 +23,7 @@ SIMILAR = 0.75  # least similarity of spellings without a common word, as of dif
 # the node.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service', 'estimator',
            'watch')
-FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame',
-          'cartesian.frame')
+FRAMES = ('payload.frame', 'wrench.frames', 'cartesian.frame')
 
 
 def _number(spec: Spec, value: Any) -> float:
@@ -152,6 +151,10 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
             read_only=spec.read_only, dynamic_typing=True)
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
         values[spec.name] = read(spec, spec.default if value is None else value)
+        # Only now, because rclpy would refuse a first value with an error of its own.
+        if spec.slider:
+            descriptor.floating_point_range = spec.slider
+            node.set_descriptor(spec.name, descriptor)
     return values
 
 

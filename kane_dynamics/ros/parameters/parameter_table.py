@@ -13,6 +13,7 @@ from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 import numpy as np
+from rcl_interfaces.msg import FloatingPointRange
 
 LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
@@ -66,6 +67,13 @@ class Spec:
         return words[self.kind]
 
     @property
+    def slider(self) -> list[FloatingPointRange]:
+        """Return the bounds of a number that has both, as tools show them."""
+        if self.kind != 'number' or not math.isfinite(self.high - self.low):
+            return []
+        return [FloatingPointRange(from_value=self.low, to_value=self.high)]
+
+    @property
     def _range(self) -> str:
         """Return a description of the range of numbers."""
         # The lower bound, then the upper one.
@@ -101,9 +109,6 @@ SPECS = (
          'robot_description'),
     Spec('urdf', 'text', '', 'path of the URDF or xacro file; overrides the topic '
          'robot_description'),
-    Spec('xacro_arguments', 'names', [],
-         'arguments of the xacro file that `urdf` names, each as '
-         'name:=value'),
     Spec('supplement', 'text', '',
          'path of the YAML supplement of the URDF: springs, armature, '
          'friction, payload; empty: none'),
@@ -123,10 +128,6 @@ SPECS = (
     Spec('constraints', 'text', '', 'path of a YAML file with loop closures and other '
          'constraints; joint states then need the joints of its key `independent`, and '
          '`commands` are of its `actuated` joints; empty: none'),
-    live('closure.tolerance', 'number', 0.02,
-         'largest deviation of further measured joints from '
-         'the closed loops, rad or m; beyond it a state is dropped', positive=True,
-         low=0.0, high=1.0),
     Spec('prefix', 'text', '',
          'prefix of the names of joints and frames in messages, for two '
          'arms with the same URDF; parameters and the supplement use the names of the '
@@ -159,9 +160,6 @@ SPECS = (
          'topic (sensor_msgs/Imu) of an IMU at rest on the base, which '
          'gives the direction of gravity; the magnitude is that of `gravity`; empty: '
          'none'),
-    Spec('imu.frame', 'text', '',
-         'frame of the IMU, fixed to the base; empty: frame_id of its '
-         'messages'),
     Spec('wrench.frames', 'names', [],
          'frames at which ~/wrench gives the wrench that the '
          'environment exerts on the robot; the torques of the modes inverse_dynamics and '
@@ -169,12 +167,6 @@ SPECS = (
     live('wrench.timeout', 'number', 0.1,
          'age, s, above which a wrench is stale and its frame '
          'unloaded', positive=True, low=0.0, high=3600.0),
-    live('wrench.max_force', 'number', 0.0,
-         'largest accepted component of a force, N; 0: the force that the effort limits '
-         'hold in every configuration', low=0.0),
-    live('wrench.max_moment', 'number', 0.0,
-         'largest accepted component of a moment, N m; 0: the moment that the effort limits '
-         'hold in every configuration', low=0.0),
     Spec('tf.enabled', 'flag', False,
          'find frames of wrenches, targets and the IMU that the URDF lacks by the transforms '
          'of /tf and /tf_static; needs the package tf2_msgs'),
@@ -209,11 +201,8 @@ SPECS = (
          'mode joint_impedance: stiffness, N m/rad or N/m; empty: five times the effort '
          'limit per rad or m', low=0.0),
     live('joint_impedance.damping', 'per_joint', [],
-         'its damping, N m s/rad or N s/m; empty: by joint_impedance.damping_ratio',
-         low=0.0),
-    live('joint_impedance.damping_ratio', 'per_joint', 0.7,
-         'damping ratio of the modes of the arm on these springs, at each state, if '
-         'joint_impedance.damping is empty', low=0.0, high=10.0),
+         'mode joint_impedance: damping, N m s/rad or N s/m; empty: a damping ratio of 0.7 '
+         'of the arm on its springs', low=0.0),
     Spec('drives.sensor_side', 'text', 'motor',
          'where the joint states of elastic joints are measured: motor (divided by the '
          'gear ratio) or link; used by mode motor_side', choices=('motor', 'link')),
@@ -236,9 +225,6 @@ SPECS = (
     live('cartesian.stiffness', 'six', [600.0, 600.0, 600.0, 30.0, 30.0, 30.0],
          'mode cartesian_impedance: stiffness along and about the axes, N/m and N m/rad; '
          'not negative'),
-    live('cartesian.damping_ratio', 'number', 0.7,
-         'damping ratio of the frame on its spring, for the inertia at each state',
-         low=0.0, high=10.0),
     live('cartesian.max_force', 'number', 60.0,
          'largest force of the spring, and of ~/target_wrench, N', positive=True,
          infinite=True, low=0.0),
@@ -246,20 +232,12 @@ SPECS = (
          'largest moment of the spring, and of ~/target_wrench, N m', positive=True,
          infinite=True, low=0.0),
     live('cartesian.posture_stiffness', 'per_joint', 5.0,
-         'stiffness of that, N m/rad or N/m; 0: none', low=0.0),
-    live('walls.margin', 'per_joint', [],
-         'modes cartesian_impedance and hand_guiding: distance from the position limits at '
-         'which soft walls begin, rad or m; empty: 0.1, at most 5 % of the range',
-         positive=True, low=0.0),
-    live('walls.stiffness', 'per_joint', [],
-         'stiffness of the walls, N m/rad or N/m; 0: none; empty: the effort limit at the '
-         'position limit', low=0.0),
+         'mode cartesian_impedance: stiffness of the posture, which acts where it does not '
+         'move the frame, N m/rad or N/m; 0: none', low=0.0),
     live('hand_guiding.friction', 'number', 0.8,
          'mode hand_guiding: fraction of the friction of the model and of '
          'observer.friction.* that is compensated',
          low=0.0, high=1.0),
-    live('hand_guiding.damping', 'per_joint', 0.0,
-         'further damping of the joints, N m s/rad or N s/m', low=0.0),
     live('hand_guiding.max_speed', 'per_joint', [],
          'speed of a joint above which it is braked, rad/s or m/s; empty: half of the '
          'limits of the URDF', positive=True, infinite=True, low=0.0),
@@ -269,14 +247,6 @@ SPECS = (
     live('target.max_angular_speed', 'number', 1.0,
          'largest angular speed of the target, rad/s', positive=True, low=0.0,
          high=100.0),
-    live('target.max_acceleration', 'number', 2.0,
-         'largest acceleration of the target, m/s^2', positive=True, low=0.0, high=1e4),
-    live('target.max_angular_acceleration', 'number', 8.0,
-         'largest angular acceleration of the target, rad/s^2', positive=True, low=0.0,
-         high=1e4),
-    Spec('task_state.rate', 'number', 50.0,
-         'rate of ~/task_state in the modes joint_impedance, cartesian_impedance, '
-         'hand_guiding, 1/s; 0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
          'effort limit, N m or N, at most that of the URDF; one number lowers the larger '
          'limits; empty: only that of the URDF', positive=True, infinite=True, low=0.0),
@@ -328,9 +298,6 @@ SPECS = (
     Spec('commands.damping', 'per_joint', [],
          'damping of the drives, N m s/rad or N s/m: in the form mit that of the command',
          low=0.0),
-    live('efforts.factor', 'number', 10.0,
-         'factor on the effort limit of a joint above which a reported effort is dropped '
-         'and counted; infinite: no such check', low=1.0, infinite=True),
     Spec('observer.enabled', 'flag', False,
          'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),
@@ -361,11 +328,6 @@ SPECS = (
          'what follows a collision beside ~/collision: report, nothing; stop: the desired '
          'motion ends in a stop of state_check.stop_time, and motions are refused until the '
          'collision ends', choices=('report', 'stop')),
-    Spec('observer.frame', 'text', '',
-         'frame of ~/external_wrench; empty: `tip`, or else the '
-         'last link'),
-    live('observer.rate', 'number', 100.0, 'largest rate of ~/external_torques and '
-         '~/external_wrench, 1/s', low=1e-3, high=1e4),
     Spec('guard.enabled', 'flag', False,
          'work with torque_guard, which holds the arm when this '
          'node dies or hangs; the launch file sets it'),
@@ -384,26 +346,16 @@ SPECS = (
     live('state_check.jitter', 'number', 0.002,
          'uncertainty of the stamps of joint states, s, '
          'which is added to the time between two of them', low=0.0, high=10.0),
-    live('state_check.noise', 'number', 0.01,
-         'jump of a position that is no fault, rad or m: '
-         'noise and resolution of the sensor', positive=True, low=0.0, infinite=True),
     live('state_check.position_margin', 'number', 0.2,
          'distance, rad or m, by which a measured '
          'position may lie outside the position limits of its joint; beyond it the '
          'state is dropped, as it is for degrees; infinite: no such check', low=0.0,
          infinite=True),
-    live('state_check.grace', 'number', 0.05,
-         'time, s, in which the last command goes on while '
-         'joint states are dropped as impossible; then state_check.action', low=0.0,
-         high=10.0),
     live('state_check.action', 'text', 'zero',
          'torques after state_check.grace: zero, or hold: '
          'the arm is brought to rest by its model, without feedback, and then gravity is '
          'compensated there, until states are valid again or stop',
          choices=('zero', 'hold')),
-    live('state_check.stop_time', 'number', 0.25,
-         'time, s, in which hold brings the arm to rest; it moves by half of this time '
-         'times its speed', low=0.01, high=10.0),
     live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3,
          high=100.0),
     live('trajectory.start_tolerance', 'number', 0.1,
@@ -419,9 +371,6 @@ SPECS = (
     live('trajectory.goal_tolerance', 'per_joint', 0.05,
          'largest position error at the end of such a goal, rad or m; infinite: any',
          positive=True, infinite=True, low=0.0),
-    live('trajectory.goal_time', 'number', 1.0,
-         'time after the end of its motion in which such a goal must be reached, s; '
-         'infinite: any', low=0.0, infinite=True),
     live('simulation.stops', 'flag', False,
          'put rigid, inelastic stops at the position limits in '
          'simulations'),
@@ -444,21 +393,38 @@ BY_NAME = {spec.name: spec for spec in SPECS}
 # Numbers without a parameter, under the names with which the rooms read them.
 CONSTANTS: dict[str, Any] = {
     'payload.max_distance': 2.0,  # m, of its center of mass from the frame
+    'target.max_acceleration': 2.0,  # m/s^2
+    'target.max_angular_acceleration': 8.0,  # rad/s^2
     'target.max_angle': 1.6,  # rad, of the target from the measured pose
     'target.max_distance': 0.5,  # m, of it from there
+    'efforts.factor': 10.0,  # of the limit, above which a reported effort is dropped
+    'observer.rate': 100.0,  # 1/s
+    'joint_impedance.damping_ratio': np.array(0.7),  # of the arm on its springs
     'observer.friction.memory': 20.0,  # s, in which the friction follows the estimate
     'observer.confirm': 0.005,  # s above a threshold that confirm a collision
     'observer.release': 0.8,  # of the thresholds, below which it ends
     'observer.clear': 0.2,  # s below that, after which it ends
+    'closure.tolerance': 0.02,  # rad or m, of further measured joints from the loops
     'closure.max_conditioning': 200.0,  # one over the distance from a singularity
     'cartesian.null_damping': 2.0,  # 1/s
+    'cartesian.damping_ratio': 0.7,  # of the frame on its spring
+    'walls.margin': np.zeros(0),  # 0.1 rad or m, at most 5 % of the range
+    'walls.stiffness': np.zeros(0),  # the effort limit at the position limit
+    'hand_guiding.damping': np.array(0.0),  # N m s/rad or N s/m
+    'task_state.rate': 50.0,  # 1/s
+    'state_check.noise': 0.01,  # rad or m: a jump of a position that is no fault
+    'state_check.grace': 0.05,  # s, in which the last command goes on
+    'state_check.stop_time': 0.25,  # s, in which `hold` brings the arm to rest
     'simulation.max_duration': 3600.0,  # s
     'simulation.max_steps': 1_000_000,
     'simulation.max_points': 2000,
     'simulation.max_waiting': 8,  # queued simulations
     'trajectory.max_points': 10_000,
+    'trajectory.goal_time': 1.0,  # s, after a motion in which its goal must be reached
     'trajectory.stopped_speed': 0.05,  # rad/s or m/s, at the end of a goal
     'tf.timeout': 0.5,  # s
+    'wrench.max_force': 0.0,  # what the effort limits hold
+    'wrench.max_moment': 0.0,  # what the effort limits hold
     'wrench.rise_time': 0.5,  # s, from zero to the largest wrench
     'target.timeout': 0.5,  # s
     'imu.time_constant': 1.0,  # s, of the low-pass filter of the direction

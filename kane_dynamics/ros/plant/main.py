@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     exit_on_signal()
     from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
     program = RosProgram(
-        'plant_node', 'plant', 'Simulate an arm with motors and sensors.',
+        'plant_node', 'plant_node', 'Simulate an arm with motors and sensors.',
         ('--ros-args -p urdf:=arm.urdf', '--ros-args --params-file plant.yaml',
          '--ros-args -p urdf:=arm.urdf -p publish_clock:=true'))
     return run_program(program, arguments, run_plant)

@@ -48,7 +48,7 @@ class PlantNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__('plant')
+        super().__init__('plant_node')
         self._live = LiveParameters(
             self, SPECS, lambda: 'expected no change; restart the node',
             self._check, self._changed)

@@ -13,7 +13,7 @@ def _shared(*names: str) -> tuple[Spec, ...]:
 SPECS = (
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf`'),
     Spec('urdf', 'text', '', 'path of the URDF or xacro file'),
-    *_shared('xacro_arguments', 'supplement', 'base', 'tip', 'root_joint', 'joints'),
+    *_shared('supplement', 'base', 'tip', 'root_joint', 'joints'),
     replace(BY_NAME['constraints'],
             description='path of a YAML file with loop closures and other '
             'constraints; `commands` are then of its `actuated` joints; empty: none'),

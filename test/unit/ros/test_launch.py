@@ -71,7 +71,7 @@ def start(launch_file, **arguments):
 
 def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
     node, guard = start(launch_file, namespace='left', commands='effort/commands')
-    assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
+    assert (node.package, node.executable) == ('kane_dynamics', 'kane_dynamics')
     assert node.parameters == [{'guard.enabled': True}]
     assert (guard.package, guard.executable, guard.namespace) == (
         'kane_dynamics', 'torque_guard', 'left')
@@ -81,7 +81,7 @@ def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
 
 
 def test_the_monitor_has_the_parameters_of_the_arm(launch_file):
-    node, _, monitor = start(launch_file, config='ur10e.yaml', monitor='true')
+    node, _, monitor = start(launch_file, params_file='ur10e.yaml', monitor='true')
     assert (monitor.executable, monitor.name) == ('monitor_node', 'monitor_node')
     assert monitor.parameters == [*node.parameters[:-1], {'node': node.name}]
 
@@ -96,7 +96,7 @@ def test_without_guard_the_node_does_not_wait_for_it(launch_file):
 @pytest.mark.parametrize('path', sorted(set((ROOT / 'config').glob('*.yaml')) - {PLANT}),
                          ids=lambda path: path.stem)
 def test_shipped_configurations_are_found_by_name(launch_file, path):
-    node, _ = start(launch_file, config=path.name)
+    node, _ = start(launch_file, params_file=path.name)
     assert Path(node.parameters[0]) == path
 
 
@@ -127,26 +127,26 @@ def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):
         assert {name: path} in node.parameters and {name: path} in plant.parameters
     assert {'activation': 'at_once'} in node.parameters
     assert {'activation': 'at_once'} not in plant.parameters
-    node, _ = start(launch_file, config='ur10e.yaml')
+    node, _ = start(launch_file, params_file='ur10e.yaml')
     assert {'activation': 'at_once'} not in node.parameters
 
 
 def test_urdf_overrides_the_configuration(launch_file):
-    node, _ = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf',
+    node, _ = start(launch_file, params_file='ur10e.yaml', urdf='/my/arm.urdf',
                     use_sim_time='true')
     assert node.parameters[1:3] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
 
 
 def test_the_statement_of_what_the_arm_adds_holds_for_the_node_and_for_the_simulated_arm(
         launch_file):
-    node, _, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
+    node, _, plant = start(launch_file, params_file='ur10e.yaml', plant='plant.yaml',
                            arm_compensates='gravity,friction')
     assert {'arm_compensates': 'gravity,friction'} in node.parameters
     assert {'arm_compensates': 'gravity,friction'} in plant.parameters
 
 
 def test_a_lifecycle_manager_configures_the_node_and_keeps_a_bond(launch_file):
-    node, _, manager = start(launch_file, config='ur10e.yaml', namespace='left',
+    node, _, manager = start(launch_file, params_file='ur10e.yaml', namespace='left',
                              lifecycle_manager='true')
     assert {'autostart': False, 'bond': True} in node.parameters
     assert (manager.package, manager.executable) == ('nav2_lifecycle_manager',
@@ -192,10 +192,10 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 def test_the_plant_shares_names_and_publishes_the_clock_if_requested(
         launch_file, sim_time):
     node, _, plant = start(
-        launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
+        launch_file, params_file='ur10e.yaml', plant='plant.yaml', namespace='left',
         commands='effort/commands', use_sim_time=sim_time, prefix='left_')
-    assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant',
-                                                               'left')
+    assert (plant.executable, plant.name, plant.namespace) == (
+        'plant_node', 'plant_node', 'left')
     assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
     path, prefix, clock = plant.parameters
     assert prefix == {'prefix': 'left_'}
@@ -206,7 +206,7 @@ def test_the_plant_shares_names_and_publishes_the_clock_if_requested(
 
 def test_defaults_do_not_override_parameter_files(launch_file):
     node, _, plant, publisher = start(
-        launch_file, config='ur10e.yaml', plant='plant.yaml',
+        launch_file, params_file='ur10e.yaml', plant='plant.yaml',
         urdf=str(ROOT / 'urdf' / 'two_link.urdf'), state_publisher='true')
     for started in (node, plant, publisher):
         assert not any('clock' in name or 'use_sim_time' in name
@@ -216,7 +216,7 @@ def test_defaults_do_not_override_parameter_files(launch_file):
 
 def test_invalid_arguments_are_refused(launch_file):
     with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
-        start(launch_file, config='nowhere.yaml')
+        start(launch_file, params_file='nowhere.yaml')
     with pytest.raises(FileNotFoundError,
                        match=r"plant: no file '/nowhere/p\.yaml'; expected"):
         start(launch_file, plant='/nowhere/p.yaml')

@@ -413,7 +413,7 @@ def test_the_observer_estimates_the_external_torque_of_the_independent_joints(
     topics = ContactPublishers(Broken(), Broken(), Broken())
     constants = np.array([4.0, 5.0, 2.0, 3.0] if kind == 'motor_current' else [])
     values = all_values(
-        **{'observer.threshold': np.array(30.0), 'observer.frame': 'tool',
+        **{'observer.threshold': np.array(30.0), 'cartesian.frame': 'tool',
            'efforts.kind': kind, 'efforts.gravity': gravity_reported,
            'efforts.constants': constants})
     rejected = []

@@ -81,7 +81,7 @@ def test_the_settings_of_a_mode_are_checked(examine):
 def test_blocks_of_other_nodes_are_ignored(examine):
     findings, _ = examine("""
         controller_manager: {ros__parameters: {update_rate: 500}}
-        plant: {ros__parameters: {urdf: no.urdf}}
+        plant_node: {ros__parameters: {urdf: no.urdf}}
         simulator: {ros__parameters: {urdf: no.urdf, supplement: no.yaml, rate: 500.0}}
         kane_dynamics: {ros__parameters: {mode: computed_torque, arm_compensates: none}}""")  # noqa: E501
     block = 'arm.yaml, /kane_dynamics'
@@ -136,7 +136,7 @@ def test_all_problems_are_reported_at_once(examine):
         /**: {ros__parameters: {urdf: /no/such.urdf, supplement: /no/such.yaml, gains: {kp: [1.0]},
               arm_compensates: none,
               limits: {effort: [1.0, 2.0, 3.0]}, payload: {mass: 2.0}, wrench: {frames: [claw]},
-              observer: {enabled: true, threshold: [1.0], frame: paw}}}""")  # noqa: E501
+              observer: {enabled: true, threshold: [1.0]}, cartesian: {frame: paw}}}""")  # noqa: E501
     assert {level for level, _ in findings} == {'problem'}
     text = '\n'.join(words for _, words in findings)
     for words in (
@@ -144,7 +144,7 @@ def test_all_problems_are_reported_at_once(examine):
             ("'gains.kp': a list of one, [1.0]; "
              'expected one number without brackets, or '),
             "'limits.effort': 3 entries", "'wrench.frames': claw; expected frames of ",
-            "'observer.frame': paw", "'observer.threshold': a list of one, [1.0]",
+            "'cartesian.frame': paw", "'observer.threshold': a list of one, [1.0]",
             'payload: parameter payload.frame is empty; expected a frame'):
         assert words in text, text
     assert len(findings) == 8
@@ -177,19 +177,10 @@ def test_a_statement_that_contradicts_the_table_of_arms_gives_a_warning(examine)
 
 def test_unused_parameters_are_not_checked(examine):
     findings, _ = examine("""
-        /**: {ros__parameters: {observer: {threshold: [1.0], frame: paw}, imu: {frame: ear},
+        /**: {ros__parameters: {observer: {threshold: [1.0]},
               arm_compensates: [none],
               estimator: {torque_deviation: [1.0]}, use_sim_time: true}}""")  # noqa: E501
     assert findings[0] == ('fine', f'arm.yaml: {FITS}')
-
-
-def test_parameters_of_the_program_instead_of_its_node_are_a_problem(examine):
-    findings, robot = examine(
-        'dynamics_node: {ros__parameters: {arm_compensates: none}}')
-    assert robot is None
-    (level, words), = findings
-    assert level == 'problem'
-    assert 'expected the name of its node, kane_dynamics, or /**' in words
 
 
 def test_a_file_that_loads_another_arm_is_a_problem_and_says_which(examine):
@@ -207,13 +198,14 @@ def test_problems_of_other_parameters_are_reported_beside_unknown_joints(examine
     findings, robot = examine("""
         /**: {ros__parameters: {joints: [a, b, c], mode: fly, kp: 5.0, gains: {kd: -1.0},
               arm_compensates: none,
-              payload: {frame: claw}, observer: {enabled: true, frame: paw}}}""")
+              payload: {frame: claw}, observer: {enabled: true},
+              cartesian: {frame: paw}}}""")
     text = '\n'.join(words for _, words in findings)
     assert robot is None
     for words in ("joints: 'a' is no joint", "'mode': 'fly'", "'gains.kd': -1.0",
                   "'kp': unknown and ignored; expected 'gains.kp'",
                   "'payload.frame': claw",
-                  "'observer.frame': paw", 'observer.threshold: empty'):
+                  "'cartesian.frame': paw", 'observer.threshold: empty'):
         assert words in text, text
     assert len(findings) == 7
 

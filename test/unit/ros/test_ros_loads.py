@@ -90,8 +90,8 @@ def imu(t, force, turn=0.0, frame='base_link'):
     return message
 
 
-def source(used, frame='', time_constant=1.0):
-    return GravityFromImu(MODEL, frame, 9.81, time_constant, used.append)
+def source(used, time_constant=1.0):
+    return GravityFromImu(MODEL, 9.81, time_constant, used.append)
 
 
 def test_an_imu_at_rest_gives_gravity_in_world_axes_after_a_time_constant():
@@ -172,6 +172,9 @@ def test_imu_messages_without_stamp_use_the_time_of_reception():
 
 
 @pytest.mark.parametrize('frame', ['tool0', 'claw'])
-def test_an_invalid_imu_frame_is_refused_at_construction(frame):
+def test_messages_of_an_imu_that_moves_or_is_unknown_are_refused(frame):
+    gravity = source([])
+    message = imu(0.0, (0.0, 0.0, 9.81))
+    message.header.frame_id = frame
     with pytest.raises(InputError, match=frame):
-        source([], frame)
+        gravity.update(message, NOW)

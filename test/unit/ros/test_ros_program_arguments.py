@@ -12,10 +12,10 @@ from kane_dynamics.ros.common.program_arguments import (check_arguments, INVALID
                                                         split_arguments)
 import pytest
 
-NODES = {'dynamics_node': 'kane_dynamics.ros.dynamics_node.main',
+NODES = {'kane_dynamics': 'kane_dynamics.ros.dynamics_node.main',
          'torque_guard': 'kane_dynamics.ros.guard.main',
          'plant_node': 'kane_dynamics.ros.plant.main'}
-PROGRAM = RosProgram('dynamics_node', 'kane_dynamics', 'Publish torques.',
+PROGRAM = RosProgram('kane_dynamics', 'kane_dynamics', 'Publish torques.',
                      ('--ros-args -p urdf:=arm.urdf',))
 
 
@@ -49,7 +49,7 @@ def run(module, *arguments, code=None, **options):
 def test_arguments_outside_of_ros_args_are_refused_with_what_was_meant(
         arguments, intended):
     words = refusal(*arguments)
-    assert ('outside of --ros-args; expected dynamics_node --ros-args '
+    assert ('outside of --ros-args; expected kane_dynamics --ros-args '
             + intended in words)
 
 
@@ -61,8 +61,8 @@ def test_positional_arguments_after_ros_args_are_refused():
 
 
 def test_parameters_of_another_node_are_refused():
-    words = refusal('--ros-args', '-p', 'dynamics_node:urdf:=a.urdf')
-    assert 'a parameter of node dynamics_node; expected one of /kane_dynamics' in words
+    words = refusal('--ros-args', '-p', 'other_node:urdf:=a.urdf')
+    assert 'a parameter of node other_node; expected one of /kane_dynamics' in words
     check('--ros-args', '-p', 'kane_dynamics:urdf:=a.urdf', '-p', 'mode:=x', '-r',
           'a:=b')
     check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level',
@@ -88,7 +88,7 @@ def test_numbers_of_a_parameter_file_are_those_that_ros_reads(tmp_path):
 
 @pytest.mark.parametrize(('block', 'remappings', 'good'), [
     ('kane_dynamics', (), True), ('/**', (), True), ('/*', (), True),
-    ('dynamics_node', (), False),
+    ('other_node', (), False),
     ('left/kane_dynamics', (), False), ('left/kane_dynamics', ('__ns:=/left',), True),
     ('kane_dynamics', ('__ns:=/left',), False),
     ('/**/kane_dynamics', ('__ns:=/a/b',), True),
@@ -110,7 +110,7 @@ def test_a_parameter_file_needs_parameters_of_the_node(
     if good:
         check(*arguments)
     else:
-        assert 'the node of dynamics_node, or of /**' in refusal(*arguments)
+        assert 'the node of kane_dynamics, or of /**' in refusal(*arguments)
 
 
 @pytest.mark.parametrize(('text', 'words'), [
@@ -144,7 +144,7 @@ def test_help_has_usage_and_examples_that_are_valid(name):
     assert text.startswith(f'usage: {name} --ros-args')
     examples = re.findall(rf'^  {name} (.*)$', text, re.MULTILINE)
     assert examples
-    if name == 'dynamics_node':  # without one of both it does not configure
+    if name == 'kane_dynamics':  # without one of both it does not configure
         assert all('arm_compensates' in x or 'params-file' in x for x in examples)
     for example in examples:
         arguments = [part for part in example.split() if not part.endswith('.yaml')]
@@ -173,7 +173,7 @@ def test_the_name_of_the_node_is_that_which_rcl_gives_it(rules):
 
 
 @pytest.mark.parametrize(('name', 'parameter', 'value'), [
-    ('dynamics_node', 'state_timeout', 'fast'), ('plant_node', 'rate', '-1.0'),
+    ('kane_dynamics', 'state_timeout', 'fast'), ('plant_node', 'rate', '-1.0'),
     ('torque_guard', 'node', '3')])
 def test_an_invalid_parameter_ends_with_the_code_that_is_not_started_again(
         name, parameter, value):
@@ -193,10 +193,10 @@ def test_a_node_with_an_ignored_argument_ends_with_one_line(name):
 
 
 def test_arguments_that_rclpy_refuses_end_with_the_reason():
-    code, text = run(NODES['dynamics_node'], '--ros-args', '-r', '__node:=a/b')
+    code, text = run(NODES['kane_dynamics'], '--ros-args', '-r', '__node:=a/b')
     assert code == 2
     assert 'Traceback' not in text
-    assert ("dynamics_node: arguments: failed to initialize rcl: Couldn't parse remap"
+    assert ("kane_dynamics: arguments: failed to initialize rcl: Couldn't parse remap"
             in text)
 
 
@@ -204,10 +204,10 @@ def test_without_rclpy_the_reason_is_one_line():
     code, text = run('', code=f"""
 import sys
 sys.modules['rclpy'] = None
-from {NODES['dynamics_node']} import main
-sys.exit(main(['dynamics_node', '--ros-args']))""")
+from {NODES['kane_dynamics']} import main
+sys.exit(main(['kane_dynamics', '--ros-args']))""")
     assert code == 2
-    assert text == ("dynamics_node: 'rclpy' is not installed; expected ROS 2 with this "
+    assert text == ("kane_dynamics: 'rclpy' is not installed; expected ROS 2 with this "
                     'package, from a sourced workspace or pip install '
                     "'kane_dynamics[ros]'\n")
 
@@ -232,5 +232,5 @@ sys.exit(run_program(RosProgram('a', 'b', '', ()), ['a'], run))"""
 
 
 def test_a_program_returns_the_exit_code_of_its_node(capsys):
-    assert run_program(PROGRAM, ['dynamics_node'], lambda arguments: 5) == 5
+    assert run_program(PROGRAM, ['kane_dynamics'], lambda arguments: 5) == 5
     assert capsys.readouterr().out == ''

@@ -230,7 +230,7 @@ def test_fixed_and_unknown_frames_are_refused_by_name():
             wrench_input.check_frames(MODEL, [name])
     with pytest.raises(InputError, match="no frame 'claw'"):
         check_optional_topics(
-            values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
+            values | {'observer.enabled': True, 'cartesian.frame': 'claw'}, ROBOT)
 
 
 def gravity():
