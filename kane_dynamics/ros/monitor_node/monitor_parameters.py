@@ -3,7 +3,8 @@
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, Spec
 
 # What this node reads of the dynamics node's parameter file: names and first parts.
-SHARED = ('robot_description', 'urdf', 'supplement', 'base', 'tip', 'root_joint', 'joints', 'constraints', 'closure', 'prefix', 'gravity', 'payload',
+SHARED = ('robot_description', 'urdf', 'supplement', 'base', 'tip', 'root_joint',
+          'joints', 'constraints', 'prefix', 'gravity', 'payload',
           'arm_compensates', 'arm_gravity', 'arm_payload', 'efforts', 'commands', 'wrench',
           'limits')
 SPECS = (
