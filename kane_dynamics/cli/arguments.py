@@ -194,9 +194,6 @@ def _identify(sub: ArgumentParser) -> None:
     sub.add_argument('--skew', type=float, metavar='S',
                      help='with --drives: how late the positions of the links are after '
                           'those of the motors, s; default: identified')
-    sub.add_argument('--segments', type=int, metavar='N',
-                     help='with --drives: most straight segments of a stiffness that grows '
-                          'or falls with the torque, 1 to 4; default: 1, a constant')
     sub.add_argument('-o', '--out', metavar='FILE',
                      help='write the identified model: a URDF; with --payload or --drives '
                           'a supplement')

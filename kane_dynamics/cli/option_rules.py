@@ -14,7 +14,7 @@ NEEDS: Needs = {
                'plot_of': ('plot',)},
     'simulate': {'kp': ('motion',), 'kd': ('motion',), 'plot_of': ('plot',)},
     'identify': {'unbounded': ('friction_only',), 'ratio': ('drives',),
-                 'skew': ('drives',), 'segments': ('drives',),
+                 'skew': ('drives',),
                  'constraints': ('payload', 'drives')},
     'replay': {'false_alarms': ('reference',)},
     'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands', 'uncertain',

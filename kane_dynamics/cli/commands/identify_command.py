@@ -1,7 +1,7 @@
 """The command `identify`: tables, JSON, pictures, and files for load_urdf."""
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 import contextlib
 from dataclasses import dataclass, replace
 import io
@@ -448,8 +448,7 @@ def _identify_drives(options: Namespace) -> None:
     ratio = np.array(one_or_all(options.ratio or [1.0]))
     # With closed loops, the joints with drives are those with actuators.
     recording = read_drive_recording(options.recording, recorded_joints(robot), ratio)
-    segments = 1 if options.segments is None else options.segments
-    result = identify_drives(robot, recording, skew=options.skew, segments=segments)
+    result = identify_drives(robot, recording, skew=options.skew)
     files = []
     if options.out:
         text = written_drives(options.supplement, result.supplement())
@@ -475,12 +474,7 @@ def drive_data(result: DriveIdentification, files: list[str]) -> dict[str, Any]:
             for value in getattr(result, key):
                 numbers.append(float(value) if np.isfinite(value) else None)
             data[key] = numbers
-    curves = {}
-    for name, curve in result.curves.items():
-        curves[name] = {'deflection': curve.deflection, 'torque': curve.torque,
-                        'slopes': curve.slopes,
-                        'slope_deviation': result.slope_deviation[name]}
-    return {**data, 'curves': curves, 'skew_share': result.skew_share,
+    return {**data, 'skew_share': result.skew_share,
             'misfit': result.misfit, 'undetermined': result.undetermined, 'files': files}
 
 
@@ -499,8 +493,6 @@ def print_drives(data: dict[str, Any]) -> None:
             row += ['-', '-'] if value is None else [value, f'{deviation:.1g}']
         table.append(row)
     print_table(header, table)
-    for joint, curve in data['curves'].items():
-        _print_curve(joint, curve)
     # The encoders' delay looks like a deflection: the user learns how much of it.
     for joint, share in zip(data['joint_names'], data['skew_share'], strict=True):
         if share > 0.05:
@@ -511,16 +503,6 @@ def print_drives(data: dict[str, Any]) -> None:
         for name, reason in data['undetermined'].items():
             print(f'{name}: {reason}')
     _print_files(data)
-
-
-def _print_curve(joint: str, curve: Mapping[str, Sequence[float]]) -> None:
-    """Print the slopes of a stiffness curve, and the torques where they change."""
-    slopes = []
-    for slope, deviation in zip(curve['slopes'], curve['slope_deviation'], strict=True):
-        slopes.append(f'{slope:.4g} +- {deviation:.1g}')
-    corners = [f'{torque:.3g}' for torque in curve['torque'][:-1]]
-    print(f"'{joint}': stiffness {', '.join(slopes)}, with corners at "
-          f'{", ".join(corners)} N m')
 
 
 # A payload.

@@ -59,23 +59,11 @@ class LinkTorque(NamedTuple):
         Without friction, N m or N, at the times of the links' encoders.
     inertia : (n,) array
         Row of the mass matrix, RMS over the motion.
-    noise : (n,) array
-        RMS of what a compliance that varies makes of the torque's noise, at each frequency
-        of the band, per standard deviation of the position of each link.
 
     """
 
     torque: Array
     inertia: Array
-    noise: Array
-
-
-class Elasticity(NamedTuple):
-    """Mean and spread of the compliance along the motion, and the time constant D / K, s."""
-
-    compliance: float
-    spread: float
-    eta: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +272,10 @@ class GearEquations:
         if signals.link is not None:
             gear = (link.rigid + value['link_damping'] * link.q_rate
                     + value['link_friction'] * link.sliding)
-        spring = self._spring(value, link, gear)
+        # First equation, the spring: compliance times gear torque is the deflection.
+        deflection = self._theta - link.q + value['deflection_offset'] * self._constant
+        spring = (value['compliance'] * gear - deflection
+                  - value['eta'] * (self._theta_rate - link.q_rate))
         # Second equation, the rotor: motor torque less inertia, losses and gear torque
         # is zero.
         rows = [spring]
@@ -303,19 +294,6 @@ class GearEquations:
         value['log_slip'] = float(np.log(FIRST_SLIP))
         value.update(zip(self.names, x.tolist(), strict=True))
         return value
-
-    def _spring(self, value: dict[str, float], link: LinkSignals, gear: Array) -> Array:
-        """Return the first equation: compliance times gear torque is the deflection."""
-        return np.asarray(value['compliance'] * gear - self._deflection(value, link)
-                          - value['eta'] * (self._theta_rate - link.q_rate))
-
-    def _deflection(self, value: dict[str, float], link: LinkSignals) -> Array:
-        """Return the spectrum of the deflection."""
-        return np.asarray(self._theta - link.q + value['deflection_offset'] * self._constant)
-
-    def _elasticity(self, value: dict[str, float]) -> 'Elasticity':
-        """Return how the noise of torque and deflection rate enters the first equation."""
-        return Elasticity(value['compliance'], 0.0, value['eta'])
 
     def settle(self, x: Array) -> None:
         """
@@ -377,8 +355,8 @@ class GearEquations:
         """Return the covariance of the equations at each frequency, (F, e, e)."""
         signals, omega = self._signals, self._of.omega
         nothing, ones = np.zeros(len(omega)), np.ones(len(omega))
-        compliance, spread, eta = self._elasticity(value)
-        elastic = 1.0 + 1j * omega * eta
+        compliance = value['compliance']
+        elastic = 1.0 + 1j * omega * value['eta']
         # Signals with their coefficients in the two equations; friction acts as damping
         # on the noise of a position, by its mean slope.
         on_motor, on_link = self._friction_slopes(slip)
@@ -391,7 +369,6 @@ class GearEquations:
             sensor = signals.noise['gear_torque']
             terms.append((signals.noise['q'], elastic, nothing))
             terms.append((sensor, compliance * ones, -ones))
-            terms.append((sensor, spread * ones, nothing))
         else:
             damping = value['link_damping'] + value['link_friction'] * on_link.mean
             varying = self.varying[1] * ones
@@ -403,7 +380,6 @@ class GearEquations:
                     of_torque = of_torque + 1j * omega * damping
                     of_spring = compliance * of_torque + elastic
                 terms.append((deviation, of_spring, -of_torque))
-                terms.append((deviation, spread * signals.link.noise[k] * ones, nothing))
         if signals.motor_torque is not None:
             terms.append((signals.noise['motor_torque'], nothing, ones))
         size = 1 if signals.motor_torque is None else 2

@@ -10,7 +10,6 @@ import warnings
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.identification.drives.curve_fit import CurveFit, DAMPING, fitted_curve
 from kane_dynamics.identification.drives.drive_recording import (
     DriveRecording, require_joint_count)
 from kane_dynamics.identification.drives.driven_links import DrivenLinks
@@ -21,7 +20,7 @@ from kane_dynamics.identification.drives.spectra import (audible_band, BEYOND_BA
                                                          smooth_motion, smooth_speeds,
                                                          Spectra, spectra, white_noise)
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.model.drive import Drive, StiffnessCurve
+from kane_dynamics.model.drive import Drive
 from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -35,7 +34,6 @@ SAMPLES = 200  # configurations for the mean of the mass matrix
 MOVES = 1e-3  # rad or m: a motor that moves less rests
 ALIKE = 0.2  # relative difference of the ranges of motor and link
 FITS = 4.0  # mean square of residuals over the noise, above which equations lack something
-MOST_SEGMENTS = 4
 DAMPING_NEEDS = 'N m s/rad', 'motion near the resonance, where the deflection is fast'
 DELAY = 'torque delay'
 NUMBERS = 'stiffness', 'damping', 'rotor inertia', 'skew', DELAY
@@ -84,10 +82,6 @@ torque_delay_deviation : (n,) arrays
         seems to deflect.
     misfit : (n,) array
         Mean square of the residuals over the noise; 1 if the equations hold.
-    curves : dict of str to StiffnessCurve
-        Of the joints whose stiffness is a curve; `stiffness` has that at small torques.
-    slope_deviation : dict of str to (k,) array
-        Standard deviations of the slopes of `curves`, N m/rad.
     undetermined : dict of str to str
         Reasons of the numbers that the data do not determine, by '<joint> <number>'.
 
@@ -107,8 +101,6 @@ torque_delay_deviation : (n,) arrays
     torque_delay_deviation: Array
     skew_share: Array
     misfit: Array
-    curves: dict[str, StiffnessCurve]
-    slope_deviation: dict[str, Array]
     undetermined: dict[str, str]
 
     def drives(self) -> dict[str, Drive]:
@@ -123,7 +115,7 @@ torque_delay_deviation : (n,) arrays
         for j, name in enumerate(self.joint_names):
             if not np.isfinite(self.stiffness[j]):
                 continue
-            values: dict[str, Any] = {'stiffness': self.curves.get(name, self.stiffness[j])}
+            values: dict[str, Any] = {'stiffness': float(self.stiffness[j])}
             if np.isfinite(self.damping[j]):
                 values['damping'] = float(self.damping[j])
             if np.isfinite(self.rotor_inertia[j]):
@@ -140,12 +132,7 @@ torque_delay_deviation : (n,) arrays
         # Numbers are joint-side, as they were identified.
         entries = {}
         for name, drive in self.drives().items():
-            stiffness: Any = drive.stiffness
-            if isinstance(stiffness, StiffnessCurve):
-                stiffness = {'deflection': stiffness.deflection.tolist(),
-                             'torque': stiffness.torque.tolist(),
-                             'rounding': stiffness.rounding}
-            entry: dict[str, Any] = {'side': 'joint', 'stiffness': stiffness,
+            entry: dict[str, Any] = {'side': 'joint', 'stiffness': drive.stiffness,
                                      'damping': drive.damping}
             # Entries that equal their default are left out.
             if drive.rotor_inertia is not None:
@@ -158,7 +145,7 @@ torque_delay_deviation : (n,) arrays
 
 @on_one_processor
 def identify_drives(model: Model | Robot, recording: DriveRecording, *,
-                    skew: float | None = None, segments: int = 1) -> DriveIdentification:
+                    skew: float | None = None) -> DriveIdentification:
     """
     Identify stiffness, damping and rotor inertia of elastic joints from a recording.
 
@@ -189,16 +176,12 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
     skew : float, optional
         How late the positions of the links are after those of the motors, s, if it is
         known; 0 for synchronous encoders.
-    segments : int
-        Largest number of straight segments of a stiffness that grows or falls with the
-        torque, at most 4. A joint gets the fewest that its residuals justify, and a
-        constant stiffness if these are one. More than one needs positions of the links.
 
     Warns
     -----
     ModelWarning
         The residuals are more than twice the noise: the equations lack something, such as
-        masses, more segments of the stiffness, a dead zone, or friction with memory. The
+        masses, a stiffness that is no constant, a dead zone, or friction with memory. The
         deviations are increased, but they do not contain such errors.
 
     Raises
@@ -228,9 +211,6 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                          'behind the gears (q.<joint>)')
     if skew is not None:
         skew = number(skew, 'skew', 'a finite time in s', np.isfinite)
-    if type(segments) is not int or not 1 <= segments <= MOST_SEGMENTS:
-        raise InputError(f'segments: {segments!r}; expected an integer from 1 to '
-                         f'{MOST_SEGMENTS}')
     # Spectra need equal times between rows.
     even = recording.resampled()
     moving = np.ptp(even.theta, axis=0) > MOVES
@@ -239,14 +219,14 @@ def identify_drives(model: Model | Robot, recording: DriveRecording, *,
                          'motors in motion')
     assert even.q is not None
     _require_joint_side(links.joint_names, even.theta, even.q)
-    result = _with_encoders(links, even, skew, segments)
+    result = _with_encoders(links, even, skew)
     # Residuals far above the noise: the numbers would look better than they are.
     poor = np.flatnonzero(result.misfit > FITS)
     if len(poor):
         names = ', '.join(links.joint_names[j] for j in poor)
         warnings.warn(f'drives of {names}: residuals are {np.sqrt(result.misfit.max()):.3g} '
                       'times the noise; expected at most twice: the equations lack '
-                      'something (masses, more segments of the stiffness, a dead zone, '
+                      'something (masses, a stiffness that is no constant, a dead zone, '
                       'friction with memory)',
                       ModelWarning, stacklevel=2)
     return result
@@ -267,12 +247,11 @@ def _require_joint_side(names: Sequence[str], theta: Array, q: Array) -> None:
 
 # Both encoders.
 
-def _with_encoders(links: DrivenLinks, recording: DriveRecording, skew: float | None,
-                   segments: int) -> DriveIdentification:
+def _with_encoders(links: DrivenLinks, recording: DriveRecording, skew: float | None
+                   ) -> DriveIdentification:
     """Return the drives from positions of motors and links."""
     of, signals = _joint_signals(links, recording)
     numbers = []
-    curves: dict[str, CurveFit] = {}
     misfits, shares = [], []
     for name, signal in zip(links.joint_names, signals, strict=True):
         # A motor at rest says nothing of its drive.
@@ -286,13 +265,7 @@ def _with_encoders(links: DrivenLinks, recording: DriveRecording, skew: float | 
         if _is_determined(fit) and fit.value('compliance') < 0.0:
             raise InputError(f"recording: joint '{name}': the gear deflects against its torque; "
                              'expected signs of positions and torques alike')
-        # A curve, where the residuals of a constant stiffness ask for one.
-        curve = None
-        if segments > 1 and _is_determined(fit):
-            fit, curve = fitted_curve(equations, fit, segments, DEVIATION)
-        if curve is not None:
-            curves[name] = curve
-        numbers.append(_joint_numbers(fit, curve, skew, signal))
+        numbers.append(_joint_numbers(fit, skew, signal))
         misfits.append(fit.misfit)
         # How much of the deflection the skew makes: a large share is a warning.
         late = fit.value('skew') if skew is None else skew
@@ -300,7 +273,7 @@ def _with_encoders(links: DrivenLinks, recording: DriveRecording, skew: float | 
         shares.append(abs(late) * float(np.std(signal.link_speed.values)
                                         / np.std(deflection)))
     source = SENSOR if recording.gear_torque is not None else BOTH_ENCODERS
-    return _identification(links.joint_names, source, numbers, shares, misfits, curves)
+    return _identification(links.joint_names, source, numbers, shares, misfits)
 
 
 def _joint_signals(driven: DrivenLinks, recording: DriveRecording
@@ -343,10 +316,7 @@ def _link_torques(links: DrivenLinks, q: Array, step: float,
     t = step * np.arange(len(q), dtype=np.float64)
     torque, mass_matrices = links.motion(t, *smooth, samples)
     inertia = np.sqrt(np.mean(mass_matrices**2, axis=0))
-    # The acceleration of white noise below the cutoff: the mean of omega^4 over the band.
-    cutoff = 2.0 * np.pi * BEYOND_BAND * band
-    noise = cutoff**2 / np.sqrt(5.0) * inertia
-    return [LinkTorque(torque[:, j], inertia[j], noise[j]) for j in range(q.shape[1])]
+    return [LinkTorque(torque[:, j], inertia[j]) for j in range(q.shape[1])]
 
 
 def _noise(signal: Array, step: float) -> Array:
@@ -365,14 +335,12 @@ def _is_determined(fit: GearFit) -> bool:
     return fit.deviation('compliance') <= DEVIATION * abs(fit.value('compliance'))
 
 
-def _joint_numbers(fit: GearFit, curve: CurveFit | None, skew: float | None,
-                   signal: JointSignals) -> dict[str, DriveNumber]:
+def _joint_numbers(fit: GearFit, skew: float | None, signal: JointSignals
+                   ) -> dict[str, DriveNumber]:
     """Return the parameters of a joint, each with a reason if it is not determined."""
     late = fit.value('skew')
     of_late = fit.deviation('skew')
-    if curve is not None:
-        stiffness = DriveNumber(curve.curve.slopes[0], float(curve.slope_deviation[0]))
-    elif not _is_determined(fit):
+    if not _is_determined(fit):
         stiffness = DriveNumber(np.nan, np.nan, _stiffness_reason(fit, signal))
     else:
         compliance = fit.value('compliance')
@@ -426,8 +394,6 @@ def _damping(fit: GearFit, stiffness: float) -> DriveNumber:
     if not np.isfinite(stiffness):
         reason = 'the stiffness is not determined; expected that first'
         return DriveNumber(np.nan, np.nan, reason)
-    if DAMPING in fit.names:  # of a curve
-        return _judged(fit.value(DAMPING), fit.deviation(DAMPING), *DAMPING_NEEDS)
     k = fit.names.index('compliance')
     e = fit.names.index('eta')
     eta = fit.x[e]
@@ -477,8 +443,7 @@ def _at_rest(joint: str) -> dict[str, DriveNumber]:
 
 def _identification(names: tuple[str, ...], source: str,
                     numbers: Sequence[dict[str, DriveNumber]], shares: Sequence[float],
-                    misfits: Sequence[float], curves: dict[str, CurveFit]
-                    ) -> DriveIdentification:
+                    misfits: Sequence[float]) -> DriveIdentification:
     """Return the result of numbers of all joints."""
     # Why a number could not be found, under the words that a user reads.
     undetermined = {}
@@ -494,13 +459,5 @@ def _identification(names: tuple[str, ...], source: str,
         of_joints = [of_joint[name] for of_joint in numbers]
         columns[key] = np.array([one.value for one in of_joints])
         columns[f'{key}_deviation'] = np.array([one.deviation for one in of_joints])
-
-    # Curves are of the joints that have more than one segment.
-    stiffness_curves = {}
-    slope_deviations = {}
-    for name, fit in curves.items():
-        stiffness_curves[name] = fit.curve
-        slope_deviations[name] = fit.slope_deviation
     return DriveIdentification(names, source, **columns, skew_share=np.array(shares),
-                               misfit=np.array(misfits), slope_deviation=slope_deviations,
-                               curves=stiffness_curves, undetermined=undetermined)
+                               misfit=np.array(misfits), undetermined=undetermined)

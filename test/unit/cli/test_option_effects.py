@@ -129,7 +129,7 @@ OWN = [
 # with many links: the tests of these options use them.
 ELSEWHERE = {
     'calibrate': {'--live', '--save'},
-    'identify': {'--ratio', '--skew', '--segments'}, 'replay': {'--smallest'},
+    'identify': {'--ratio', '--skew'}, 'replay': {'--smallest'},
     'excite': {'--distance'},
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},

@@ -102,53 +102,15 @@ def test_equations_that_lack_something_state_the_delay_of_the_encoders_and_no_mo
     np.testing.assert_allclose(result.skew, 0.003, atol=5e-4)
 
 
-def assert_stiffening_shoulder(result, skew_deviation):
-    """
-    Check slopes, corner, damping and skew of `stiffening`, whose elbow is no curve.
-
-    The standard deviation of the skew, s, is at most the given one.
-    """
-    assert set(result.curves) == {'shoulder'} and (result.misfit < 1.2).all()
-    curve = result.curves['shoulder']
-    assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
-    assert curve.torque[0] == pytest.approx(12.0, rel=0.03)
-    assert (result.slope_deviation['shoulder'] < 0.02 * np.array(curve.slopes)).all()
-    assert result.stiffness[0] == curve.slopes[0]
-    assert np.allclose(result.damping, [4.0, 1.5], rtol=0.1)
+def test_a_stiffness_that_grows_is_refused_with_its_reason(model, stiffening):
+    recording = stiffening.measured(1, use=('q', 'gear_torque', 'motor_torque'))
+    with pytest.warns(ModelWarning, match='drives of shoulder: residuals.*no constant'):
+        result = identify_drives(model, recording)
+    assert np.isnan(result.stiffness[0])
+    assert 'the equations lack something' in result.undetermined['shoulder stiffness']
+    assert np.abs(result.skew[0] - 0.003) < 3e-4
     assert result.stiffness[1] == pytest.approx(1200.0,
                                                 abs=3.0 * result.stiffness_deviation[1])
-    assert (result.skew_deviation < skew_deviation).all()
-    assert (np.abs(result.skew - 0.003) < 3.0 * result.skew_deviation).all()
-
-
-def test_a_stiffness_that_grows_is_a_curve_where_the_residuals_say_so(model, stiffening):
-    recording = stiffening.measured(1, use=('q', 'gear_torque', 'motor_torque'))
-    result = identify_drives(model, recording, segments=2)
-    assert_stiffening_shoulder(result, skew_deviation=1e-5)
-    assert result.drives()['shoulder'].stiffness is result.curves['shoulder']
-    supplement = load_urdf(URDF, supplement=yaml.safe_load(result.supplement()))
-    assert supplement.digest() == result.elastic(model).digest()
-    # Without a curve the residuals of the shoulder alone are warned of.
-    with pytest.warns(ModelWarning, match=r'drives of shoulder: residuals.*segments'):
-        straight = identify_drives(model, recording)
-    assert straight.curves == {} and straight.slope_deviation == {}
-
-
-def test_an_offset_of_the_torque_sensor_leaves_a_curve_that_torques_of_both_signs_bend(
-        model):
-    truth = replace(Truth(), stiffness=(softening(1500.0, 4000.0, 5.0, 0.05), 1200.0))
-    follow = large_motion(3, (2000.0, 800.0))
-    hanging = np.array([-0.5 * np.pi, 0.0])
-
-    def torque(t, theta, speed):
-        return follow(t, theta - hanging, speed)
-    motion = simulated(torque, 5.0, truth=truth, start=hanging)
-    recording = motion.measured(1, use=('q', 'gear_torque', 'motor_torque'))
-    shifted = replace(recording,
-                      gear_torque=recording.gear_torque + np.array([2.0, -1.0]))
-    curve = identify_drives(model, shifted, segments=2).curves['shoulder']
-    assert np.allclose(curve.slopes, [1500.0, 4000.0], rtol=0.03)
-    assert curve.torque[0] == pytest.approx(5.0, rel=0.03)
 
 
 @pytest.mark.parametrize('cycles', [-1, 1])
@@ -164,16 +126,6 @@ def test_motor_torques_that_act_late_move_neither_damping_nor_skew(model, short,
     error = (result.torque_delay - 1e-3 * cycles) / result.torque_delay_deviation
     assert (np.abs(error) < 3.5).all(), error
     assert (result.torque_delay_deviation < 1e-4).all()
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_the_torque_of_the_links_determines_a_curve(model, stiffening):
-    result = identify_drives(model, stiffening.measured(2, use=('q', 'motor_torque')),
-                             segments=3)
-    # Without a sensor, the delay of the motors' torques looks much like a skew.
-    assert_stiffening_shoulder(result, skew_deviation=6e-5)
-    assert np.allclose(result.rotor_inertia, [0.9, 0.3], rtol=0.01)
 
 
 def test_gravity_and_payload_of_a_robot_count(model, short):
@@ -208,7 +160,7 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, replace(good, theta=100.0 * good.theta))
     with pytest.raises(InputError, match='the motor moves -'):
         identify_drives(model, replace(good, q=-good.q))
-    for options in ({'skew': 0.003}, {}, {'segments': 2}):
+    for options in ({'skew': 0.003}, {}):
         with pytest.raises(InputError, match='the gear deflects against its torque'):
             identify_drives(model, replace(good, gear_torque=-good.gear_torque),
                             **options)
@@ -220,10 +172,6 @@ def test_a_recording_is_checked(model, short):
         identify_drives(model, DriveRecording(good.t, good.theta[:, :1], good.q[:, :1]))
     with pytest.raises(InputError, match='skew'):
         identify_drives(model, good, skew=np.nan)
-    for segments in (0, 5, 2.0, True, None):
-        with pytest.raises(InputError,
-                           match=r'segments: .*; expected an integer from 1 to 4'):
-            identify_drives(model, good, segments=segments)
     elastic = with_drives(model, {'elbow': Drive(1000.0, rotor_inertia=0.1)})
     with pytest.raises(InputError, match='elastic joints already'):
         identify_drives(elastic, good)
