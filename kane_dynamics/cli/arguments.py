@@ -248,21 +248,18 @@ def _excite(sub: ArgumentParser) -> None:
 
 
 def _replay(sub: ArgumentParser) -> None:
-    from kane_dynamics.identification.model_watch import FALSE_ALARMS
     _add_model(sub)
     _add_recording(sub)
     _add_efforts(sub)
     sub.add_argument('--reference', nargs='+', metavar='RECORDING',
-                     help='recording of the sound arm with the same payload, best of the '
-                          'same motion: name what has changed since; further ones, as of '
-                          'other days, state by how much a sound arm changes')
+                     help='recording of the sound arm with the same payload: name what has '
+                          'changed since; several ones, as of other days, state by how much '
+                          'a sound arm changes')
     sub.add_argument('--smallest', type=float, metavar='SHARE',
                      help='with --reference: smallest torque of a change that is an alarm, '
-                          "as a share of a joint's torque; default: 1.5 times the largest "
-                          'change between references, 0.4 with one')
-    sub.add_argument('--false-alarms', type=float, default=FALSE_ALARMS, metavar='SHARE',
-                     help='with --reference: share of sound recordings with an alarm, at '
-                          'most; default: %(default)g')
+                          "relative to a joint's friction and the error of the model; "
+                          'default: 1.5 times the largest change between references, 0.42 '
+                          'with one')
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')

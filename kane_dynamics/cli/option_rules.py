@@ -16,7 +16,7 @@ NEEDS: Needs = {
     'identify': {'unbounded': ('friction_only',), 'ratio': ('drives',),
                  'skew': ('drives',),
                  'constraints': ('payload', 'drives')},
-    'replay': {'false_alarms': ('reference',)},
+    'replay': {'smallest': ('reference',)},
     'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands', 'uncertain',
                                    'constraints', 'efforts', 'efforts_without_gravity',
                                    'torque_constants', 'no_friction'), ('collision',)),

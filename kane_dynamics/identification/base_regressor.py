@@ -7,10 +7,9 @@ from kane_dynamics._util.checks import instance, integer, per_joint
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import (compressed, FRICTION,
-                                                     full_regressor, least_between,
-                                                     RegressionRows, rows, SPEEDS,
-                                                     stacked_rows, weights,
+from kane_dynamics.identification.regression import (FRICTION, full_regressor,
+                                                     least_between, RegressionRows,
+                                                     rows, SPEEDS, triangle,
                                                      without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -188,15 +187,26 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
     instance(model, Model, 'model')
     speeds = per_joint(speeds, 'speeds', model.joint_names)
     base = base_parameters(model, speeds)
-    equations, floor, counts = compressed(data, speeds)
-    equations = [(R[:, base.columns], z) for R, z in equations]
+    X = full_regressor(data, speeds)
+    tau = data.recording.tau - data.rest
+    counts = data.moving.sum(axis=0)
+    equations = []
+    for j, count in enumerate(counts):
+        if count <= X.shape[2] + 1:
+            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of the "
+                             f'fit; expected more than {X.shape[2] + 1} for {X.shape[2]} '
+                             'unknowns')
+        table = np.column_stack([X[:, j, base.columns], tau[:, j]])
+        equations.append(triangle(table[data.moving[:, j]]))
 
     # Weighted least squares; the weights are the deviations of the last residuals.
     sigma = np.ones(len(equations))
     for _ in range(ROUNDS if weighted else 1):
         # Columns of unit length, so that singular values compare combinations, not
         # units.
-        A, b = stacked_rows(equations, sigma)
+        R = np.vstack([of_joint / deviation for of_joint, deviation
+                       in zip(equations, sigma, strict=True)])
+        A, b = R[:, :-1], R[:, -1]
         scale = np.linalg.norm(A, axis=0)
         if not scale.all():
             raise InputError('motion: does not excite '
@@ -209,7 +219,8 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
             raise InputError(f"motion: does not excite '{base.names[worst]}'; expected "
                              'an exciting motion')
         values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
-        residual = weights(equations, floor, counts, values)
+        left = np.array([np.sum((R[:, -1] - R[:, :-1] @ values)**2) for R in equations])
+        residual = np.sqrt(np.maximum(left / counts, 1e-24))
         sigma = residual if weighted else sigma
     # Residuals of a fit with few rows are smaller than the noise.
     freedom = counts.sum() / (counts.sum() - len(values))

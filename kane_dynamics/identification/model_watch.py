@@ -2,41 +2,28 @@
 Watch over a model: which of its parameters no longer fits the arm, and of which joint.
 
 The residual is the measured torque less that of the model. Each possible cause adds a
-known direction to it:
+known torque to it:
 
     payload           the columns of mass and center of mass of an outermost body
     friction          the friction of a joint
     offset            a constant torque of a joint
     torque constant   the torque of a joint
-    delay             the rate of the torque, of one joint or of all
+    delay             torques of all joints that come late
 
-times a size, which is fitted, one cause at a time. Friction that
-reverses is a step, so that delays of up to 50 ms are tried: the squares have their
-minimum at the delay. The model's own errors have sizes too: those of a sound recording,
-the reference, are subtracted; or the residuals themselves, if the motion is the same, so
-that the errors of the model cancel. The standard error is that of the sizes of blocks of
-rows (jackknife), since residuals of neighboring rows are alike. Rows in which a joint
-rests say nothing of it, because static friction is unknown.
+times a size, which is fitted by least squares, one cause at a time. The model's own errors
+have sizes too: the mean of those in recordings of the sound arm, the references, is
+subtracted. Rows in which a joint rests say nothing of it, because static friction is unknown.
 
-Noise of the motion is in the residual and in the directions, so that least squares would
-make sizes less than they are, the more rows a second the more (errors in variables).
-Instead the residual is correlated with instruments: the directions along the motion of the
-rows before and after each row, whose noise is another one. A direction that is only noise
-has no correlation with its instrument, and is not judged. In the same motion, the
-directions are those of the mean of both recordings, whose noise has no correlation with
-the difference of the residuals.
+Sound arms change from day to day, friction most of all. The torque of a change is therefore
+measured in units of what is uncertain of a joint: the RMS of its friction and of the residual
+of the references. A change is an alarm if the torque that it explains, of all joints
+together, is at least a smallest number of these units, and its size beyond four standard
+errors (jackknife over blocks of rows). Several references state how much a sound arm changes;
+with one, a usual change of friction is assumed.
 
-A cause is an alarm if its size is beyond the quantile of Student's distribution for the
-stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
-that explains most of the residuals, relative to those of the reference, is named first;
-the others are judged on what it leaves. What is small beside the torque of an alarm at the
-same joints (5 %) is an error of its law, and no cause. A residual that is several times
-that of the reference and that no cause explains is an alarm too, of an unknown cause.
-
-Sound arms change from day to day: friction with the temperature, offsets of sensors. Such a
-change is real, but no alarm: one is left out whose torque is less than a smallest share of
-the torques of its joints. Several references of the sound arm state by how much it changes;
-with one, a usual share is assumed.
+The cause that explains most is named first; the others are judged on what it leaves. A
+residual that is several times that of the references and that no cause explains is an alarm
+too, of an unknown cause.
 """
 
 from collections.abc import Sequence
@@ -59,26 +46,20 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
 BLOCKS = 16
-FALSE_ALARMS = 0.01  # of a sound recording
 FEWEST_ROWS = 10 * BLOCKS
-SAME_MOTION = 0.01  # RMS distance of positions, relative to the range of each joint
+SURE = 4.0  # standard errors
 MOST_ALARMS = 3  # that are named, one after the other
-ROUNDING = 1e-9  # of the torque: a smaller residual has no cause
-UNCERTAIN = 0.05  # of the torque of a cause: its law is not exact
-LEAST_SIZE = 1e-4  # relative, of a change of friction or of a torque constant
-INFORMED = 2.0  # standard errors of the correlation of measured and computed rates
-STRONG = 10.0  # F of the first stage, of an instrument (Staiger and Stock 1997)
+ROUNDING = 1e-6  # of the torque: a smaller residual is none
+UNCERTAIN = 0.1  # of the torque of a cause that was named: its law is not exact
 LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
-SMOOTHED = 0.05  # s, of accelerations in the rate of the model's torque
-SMALLEST = 0.4  # share of a joint's torque, of a change that matters; of one reference
+SMALLEST = 0.42  # with one reference; friction of sound arms differs by less
 BEYOND = 1.5  # times the largest change between references
 UNEXPLAINED = 3.0  # times the residual of the reference
-RATE_SPAN = 0.02  # s, of speeds and accelerations in the model's torque
-NEIGHBORS_OF_SPEEDS = 2  # rows, either way, whose accelerations share noise of speeds
-NEIGHBORS_OF_POSITIONS = 4
+RATE_SPAN = 0.02  # s, of means of speeds and accelerations
 ALL_JOINTS = 'all joints'
 UNKNOWN = 'unknown'
+DELAY = 'delay'
 
 
 class ModelChange(NamedTuple):
@@ -88,17 +69,15 @@ class ModelChange(NamedTuple):
     Attributes
     ----------
     joint : str
-        The joint, or 'all joints' for a delay of all; the body for a payload.
+        The joint, or 'all joints' for a delay; the body for a payload.
     cause : str
         'payload', 'friction', 'offset', 'torque constant', 'delay' or 'unknown'.
     size, deviation : float
         How large it is, and its standard deviation: kg; relative; N m or N; relative; s;
         the residual that no cause explains, relative to that of the reference.
-    explained : float
-        Share of the squared residual that it explains, joints weighted by the residuals of
-        the reference.
     share : float
-        RMS of its torque over that of the measured one, of the joint where it is largest.
+        RMS of the torque that it explains, relative to the friction and the residual of the
+        reference, root of the sum of squares over joints.
 
     """
 
@@ -106,7 +85,6 @@ class ModelChange(NamedTuple):
     cause: str
     size: float
     deviation: float
-    explained: float
     share: float = 0.0
 
     def __str__(self) -> str:
@@ -118,7 +96,7 @@ class ModelChange(NamedTuple):
         of = self.joint if self.joint == ALL_JOINTS else f"joint '{self.joint}'"
         if self.cause == 'offset':
             return f'{of}: offset of the torque {self.size:+.3g} ({deviation}) N m or N'
-        if self.cause == 'delay':
+        if self.cause == DELAY:
             side = 'late' if self.size > 0.0 else 'early'
             return f'{of}: torque {abs(self.size):.3g} s {side} ({deviation} s)'
         if self.cause == UNKNOWN:
@@ -139,11 +117,11 @@ class WatchReport:
     ----------
     joint_names : tuple of n str
     residual, reference : (n,) arrays
-        RMS of the residuals of the recording and of the reference, N m or N.
+        RMS of the residuals of the recording and of the references, N m or N.
     alarms : tuple of ModelChange
-        Empty for a sound recording, but for the stated rate of false alarms.
+        Empty for a sound recording.
     judged : (n,) array of bool
-        Joints that move enough, in the recording and in the reference; nothing is said of
+        Joints that move enough, in the recording and in the references; nothing is said of
         others, nor of a payload in a recording at rest.
 
     """
@@ -160,145 +138,61 @@ class WatchReport:
         return self.judged & (self.residual > UNEXPLAINED * self.reference)
 
 
-class CauseSizes(NamedTuple):
-    """Sizes of a cause, (k,), and those of fits without each block of rows, (blocks, k)."""
-
-    all_rows: Array
-    without_blocks: Array
-
-
-class _Cause(NamedTuple):
-    """
-    A possible change of the arm, and what it adds to the torques.
-
-    Attributes
-    ----------
-    name, joint : str
-    directions, instruments : (N, n, k) arrays
-        Torques of a size of 1, computed from the motion of the same rows, and from that of
-        the rows around them. They are zero where joints rest.
-
-    """
-
-    name: str
-    joint: str
-    directions: Array
-    instruments: Array
-
-
-class _DelayScores(NamedTuple):
-    """
-    Derivatives of squared residuals by delays of the torques, which vanish at the delay.
-
-    Residuals are not linear in a delay, because friction reverses. Noise of the torques
-    would make them look shorter in a linear fit; it has no correlation with its own rate.
-
-    delays : (k,) array
-        s.
-    of_blocks, information : (blocks, k, n) arrays
-        Derivatives of each block of rows, and products of the rates of the measured and
-        the model's torques, to which noise does not contribute.
-    squares : (k, n) array
-        Squared residuals.
-    """
-
-    delays: Array
-    of_blocks: Array
-    information: Array
-    squares: Array
-
-    def delay(self, joints: Flags) -> CauseSizes:
-        """Return the delay of some joints; without any its jackknifed sizes are NaN."""
-        of_blocks = self.of_blocks[..., joints].sum(axis=-1)
-        total = of_blocks.sum(axis=0)
-        squares = self.squares[:, joints].sum(axis=-1)
-        # Minima of the squares: their derivative crosses zero. Several: the least.
-        crossings = np.flatnonzero((total[:-1] <= 0.0) & (total[1:] > 0.0))
-        unknown = CauseSizes(np.zeros(1), np.full((BLOCKS, 1), np.nan))
-        if not len(crossings):
-            return unknown
-        near = squares[crossings] + squares[crossings + 1]
-        k = int(crossings[np.argmin(near)])
-        # A straight line between two delays.
-        share = -total[k] / (total[k + 1] - total[k])
-        distance = self.delays[k + 1] - self.delays[k]
-        delay = self.delays[k] + share * distance
-        # Noise has minima anywhere: torques that move together show a delay.
-        of_rates = self.information[..., joints].sum(axis=-1)
-        products = (1.0 - share) * of_rates[:, k] + share * of_rates[:, k + 1]
-        information = float(products.sum())
-        if information <= INFORMED * np.sqrt(BLOCKS) * products.std(ddof=1):
-            return unknown
-        # Without a block, the derivative changes by that of the block.
-        changes = (1.0 - share) * of_blocks[:, k] + share * of_blocks[:, k + 1]
-        slope = min((total[k + 1] - total[k]) / distance, information)
-        without_blocks = delay + changes[:, None] / slope
-        return CauseSizes(np.array([delay]), without_blocks)
-
-
 class ModelWatch:
     """
-    Compares recordings with a model and with a sound recording.
+    Compares recordings with a model and with recordings of the sound arm.
 
     Parameters
     ----------
     model : Model
         Of the arm, as identified.
     reference : Recording or sequence of Recording
-        Of the sound arm; not that of another payload. The first one is compared with; the
-        others, as of other days, state by how much a sound arm changes.
-    false_alarms : float
-        Rate of recordings of the sound arm with an alarm, at most, by the noise alone.
+        Of the sound arm; not that of another payload. Several ones, as of other days, state
+        by how much a sound arm changes.
     smallest : float, optional
-        Smallest torque of a change that is an alarm, as a share of the torque of a joint.
-        Default: 1.5 times the largest change between references; 0.4 with one.
+        Smallest torque of a change that is an alarm, relative to what is uncertain of a
+        joint: its friction, and the residual of the references. Default: 1.5 times the
+        largest change between references; 0.42 with one.
 
     Raises
     ------
     InputError
-        The recording has other joints or too few rows, or the rate is none.
+        The recording has other joints or too few rows, or `smallest` is out of range.
 
     """
 
     def __init__(self, model: Model, reference: Recording | Sequence[Recording], *,
-                 false_alarms: float = FALSE_ALARMS, smallest: float | None = None) -> None:
+                 smallest: float | None = None) -> None:
         references = [reference] if isinstance(reference, Recording) else list(reference)
         if not references:
             raise InputError('reference: none; expected a recording, or several')
-        reference, *others = references
+        self._robot = Robot(model)
+        motions = [_Motion(self._robot, recording) for recording in references]
+        of_friction = np.mean([motion.friction_rms for motion in motions], axis=0)
+        self._residual = np.mean([rms(motion.residual) for motion in motions], axis=0)
+        in_motion = np.mean([motion.residual_rms for motion in motions], axis=0)
+        least = ROUNDING * rms(references[0].tau) + 1e-12
+        self._sigma = np.maximum(in_motion, least)
+        self._unit = np.maximum(np.hypot(of_friction, in_motion), least)
+        self._moved = np.all([motion.moves for motion in motions], axis=0)
+        # Sizes of each cause in the references, the mean of which is the model's own error.
+        self._sound = [np.mean(sizes, axis=0) for sizes in zip(
+            *([cause.sizes(motion.in_motion, self._unit) for cause in motion.causes]
+              for motion in motions), strict=True)]
         self._smallest = 0.0
         if smallest is not None:
-            self._smallest = number(smallest, 'smallest', 'a number >= 0 and below 1',
-                                    lambda x: 0.0 <= x < 1.0)
-        self._rate = number(false_alarms, 'false_alarms', 'a number above 0 and below 0.5',
-                            lambda x: 0.0 < x < 0.5)
-        _require_rows(model, reference)
-        self._robot = Robot(model)
-        reference = _with_mean_rates(reference)
-        self._reference = reference
-        self._residual = _residual(self._robot, reference)
-        scale = ROUNDING * rms(reference.tau)
-        moving = _moving(reference)
-        deviation = np.nan_to_num(moving_rms(self._residual, moving))
-        self._sigma = np.maximum(deviation, np.maximum(scale, 1e-12))
-        self._moved = moving.sum(axis=0) >= FEWEST_ROWS
-        # Of each cause: its sizes in the reference, or None if the reference lacks the
-        # motion that would show it.
-        self._sound: list[CauseSizes | None] = []
-        residual = self._residual * moving
-        causes = _causes(self._robot, reference)
-        scores = self._delay_scores(reference, causes, residual)
-        for cause in causes:
-            shown = cause.directions.any()
-            self._sound.append(self._sizes(cause, residual, scores) if shown else None)
-        self._quantile = self._largest_ratio(len(self._sound))
-        if smallest is None:
-            shares = [alarm.share for other in others for alarm in self.report(other).alarms]
-            self._smallest = BEYOND * max(shares, default=0.0) if others else SMALLEST
+            self._smallest = number(smallest, 'smallest', 'a finite number >= 0',
+                                    lambda x: 0.0 <= x < np.inf)
+        elif len(references) == 1:
+            self._smallest = SMALLEST
+        else:
+            shares = [alarm.share for recording in references
+                      for alarm in self.report(recording).alarms]
+            self._smallest = BEYOND * max(shares, default=0.0)
 
     @property
     def smallest(self) -> float:
-        """Return the smallest torque of an alarm, as a share of the torque of its joints."""
+        """Return the smallest torque of an alarm, relative to what is uncertain of a joint."""
         return self._smallest
 
     @on_one_processor
@@ -312,184 +206,201 @@ class ModelWatch:
             The recording has other joints or too few rows.
 
         """
-        robot = self._robot
-        _require_rows(robot.model, recording)
-        recording = _with_mean_rates(recording)
-        residual = _residual(robot, recording)
-        sound: list[CauseSizes | None] | None = self._sound
-        remaining = residual
-        motion = recording
-        if _same_motion(recording, self._reference):
-            # The errors of the model cancel. Noise of the motion is in the residual, too:
-            # it has no correlation with that of the mean motion.
-            remaining = residual - self._residual
-            motion = _mean_motion(recording, self._reference)
-            sound = None
-        causes = _causes(robot, motion)
-        remaining = remaining * _moving(recording)
-
+        motion = _Motion(self._robot, recording)
+        judged = self._moved & motion.moves
+        remaining = np.where(judged, motion.in_motion, 0.0)
         # The largest cause is taken away, and the others are judged again.
         alarms: list[ModelChange] = []
         named = np.zeros_like(remaining)
         for _ in range(MOST_ALARMS):
-            change, torque = self._largest(recording, causes, sound, remaining, named,
-                                           alarms)
+            change, torque = self._largest(motion, remaining, named, alarms)
             if change is None:
                 break
             alarms.append(change)
             remaining = remaining - torque
             named = named + torque
-        alarms += self._unexplained(recording, remaining, named)
-        judged = self._moved & (_moving(recording).sum(axis=0) >= FEWEST_ROWS)
-        return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
+        alarms += self._unexplained(motion, remaining, named, judged)
+        return WatchReport(self._robot.joint_names, rms(motion.residual), self._residual,
                            tuple(alarms), judged)
 
-    def _largest_ratio(self, causes: int) -> float:
-        """Return the largest ratio of a size to its deviation that is no alarm."""
-        # A difference of two sizes has between one and two times these degrees of
-        # freedom, because the deviations of both motions differ (Welch).
-        freedom = BLOCKS - 1
-        share = self._rate / (2.0 * causes)
-        return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
-
-    def _largest(self, recording: Recording, causes: Sequence[_Cause],
-                 sound: Sequence[CauseSizes | None] | None, residual: Array, named: Array,
+    def _largest(self, motion: '_Motion', residual: Array, named: Array,
                  alarms: Sequence[ModelChange]) -> tuple[ModelChange | None, Array]:
-        """
-        Return the significant cause that explains most, and its torque.
-
-        It is none of the alarms, and more than what `named`, their torque, may be wrong by.
-        """
+        """Return the cause that explains most, if it is an alarm, and its torque."""
         largest: ModelChange | None = None
         torque = np.zeros_like(residual)
-        most_explained = -np.inf
-        # A cause counts if its size is beyond its own error, and that of the sound arm.
-        whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
-        scores = self._delay_scores(recording, causes, residual)
-        for k, cause in enumerate(causes):
-            if any(_repeats(cause, alarm) for alarm in alarms):
+        for cause, sound in zip(motion.causes, self._sound, strict=True):
+            if (cause.name, cause.joint) in [(alarm.cause, alarm.joint) for alarm in alarms]:
                 continue
-            change, jackknifed = self._sizes(cause, residual, scores)
-            deviation = _spread(jackknifed)
-            if sound is not None:
-                of_sound = sound[k]
-                if of_sound is None:
-                    continue
-                change = change - of_sound.all_rows
-                deviation = np.hypot(deviation, _spread(of_sound.without_blocks))
-            least = max(self._quantile * float(deviation[0]), _floor(cause.name, self._sigma))
-            if not abs(change[0]) > least:  # NaN: no delay fits
+            sizes = cause.sizes(residual, self._unit)
+            change = float(sizes[0, 0] - sound[0, 0])
+            deviation = float(np.hypot(_spread(sizes), _spread(sound)))
+            if not abs(change) > SURE * deviation:
                 continue
-            of_cause = _added_torque(recording, cause, change)
-            joints = of_cause.any(axis=0) / self._sigma
-            if np.linalg.norm(of_cause * joints) <= UNCERTAIN * np.linalg.norm(named * joints):
-                continue
-            share = _share(of_cause, recording)
-            if share < self._smallest:
-                continue
-            # Causes of like directions all have a size. That which explains more of the
-            # residual goes first; the sound arm's own error may even make it less than 0.
-            left = float(np.sum(((residual - of_cause) / self._sigma)**2))
-            explained = whole - left
-            if explained > most_explained:
-                most_explained = explained
-                torque = of_cause
-                largest = ModelChange(cause.joint, cause.name, float(change[0]),
-                                      float(deviation[0]), max(explained / whole, 0.0), share)
+            # What the cause explains of each joint's squares, beyond what is uncertain of
+            # the laws of those that were named.
+            fallen = cause.squares(residual, sound[0]) - cause.squares(residual, sizes[0])
+            fallen = fallen - UNCERTAIN**2 * np.sum(named**2, axis=0) * (fallen > 0.0)
+            mean = fallen / np.maximum(motion.counts, 1) / self._unit**2
+            share = float(np.sqrt(max(mean.sum(), 0.0)))
+            if share > max(self._smallest, largest.share if largest else 0.0):
+                largest = ModelChange(cause.joint, cause.name, change, deviation, share)
+                torque = cause.torque(sizes[0]) - cause.torque(sound[0])
         return largest, torque
 
-    def _unexplained(self, recording: Recording, remaining: Array,
-                     named: Array) -> list[ModelChange]:
+    def _unexplained(self, motion: '_Motion', remaining: Array, named: Array,
+                     judged: Flags) -> list[ModelChange]:
         """Return an alarm of each joint whose residual is large without a known cause."""
-        moving = _moving(recording)
-        ratios = moving_rms(remaining, moving) / self._sigma
+        # A few large residuals, such as those of a contact, are no change of the arm: the
+        # median of blocks counts.
+        blocks = _rms_of_blocks(remaining, motion.moving)
+        median = np.median(blocks, axis=0)
+        deviation = blocks.std(axis=0) / np.sqrt(BLOCKS) / self._sigma
         # Where named causes explain most, the remainder is an error of their laws.
-        of_causes = moving_rms(named, moving) / self._sigma
-        judged = self._moved & (moving.sum(axis=0) >= FEWEST_ROWS)
+        of_causes = np.nan_to_num(moving_rms(named, motion.moving))
+        is_large = judged & (median > np.maximum(UNEXPLAINED * self._sigma, of_causes))
+        share = median / self._unit
         alarms = []
-        for j in np.flatnonzero(judged & (ratios > np.maximum(UNEXPLAINED, of_causes))):
-            squares = np.where(moving[:, j], (remaining[:, j] / self._sigma[j])**2, 0.0)
-            without_blocks = []
-            for rows in np.array_split(np.arange(len(squares)), BLOCKS):
-                others = np.delete(np.arange(len(squares)), rows)
-                count = np.count_nonzero(moving[others, j])
-                without_blocks.append([np.sqrt(squares[others].sum() / max(count, 1))])
-            deviation = float(_spread(np.array(without_blocks))[0])
-            # A few large residuals, such as those of a contact, are no change of the arm.
-            share = _share(np.where(np.arange(len(ratios)) == j, remaining, 0.0), recording)
-            if ratios[j] - 1.0 > self._quantile * deviation and share >= self._smallest:
-                alarms.append(ModelChange(self._robot.joint_names[j], UNKNOWN,
-                                          float(ratios[j]), deviation, 0.0, share))
+        for j in np.flatnonzero(is_large & (share > self._smallest)):
+            alarms.append(ModelChange(self._robot.joint_names[j], UNKNOWN,
+                                      float(median[j] / self._sigma[j]),
+                                      float(deviation[j]), float(share[j])))
         return alarms
 
-    def _delay_scores(self, recording: Recording, causes: Sequence[_Cause],
-                      residual: Array) -> '_DelayScores':
-        """Return the derivatives of squared residuals by delays of the torques."""
-        t = recording.t
-        step = float(np.median(np.diff(t)))
+
+class _Motion:
+    """Residuals of a recording, and what each possible cause adds to its torques."""
+
+    def __init__(self, robot: Robot, recording: Recording) -> None:
+        _require_rows(robot.model, recording)
+        # Noise of differences grows with the rate of the rows: means over a short time are
+        # alike in all recordings.
+        rows = round(0.5 * RATE_SPAN / float(np.median(np.diff(recording.t))))
+        recording = replace(recording, u=_mean(recording.u, rows),
+                            udot=_mean(recording.udot, rows))
+        self._robot, self._recording = robot, recording
+        q, u, udot = recording.q, recording.u, recording.udot
+        self.moving: Flags = np.asarray(np.abs(u) > STANDSTILL)
+        self.counts = self.moving.sum(axis=0)
+        self.moves: Flags = self.counts >= FEWEST_ROWS
+        self._torque = robot.inverse_dynamics(q, u, udot)
+        self.residual = recording.tau - self._torque
+        self.in_motion = np.where(self.moving, self.residual, 0.0)
+        self.residual_rms = np.nan_to_num(moving_rms(self.residual, self.moving))
+        terms = robot.torque_terms(q, u, udot)
+        offsets = [joint.friction_offset for joint in robot.model.coordinate_joints]
+        self._all_friction = terms[:, TORQUE_TERMS.index('friction')]
+        self._friction = self._all_friction - offsets
+        self.friction_rms = np.nan_to_num(moving_rms(self._friction, self.moving))
+        self.causes: list[_LinearCause | _Delay] = [
+            *self._payloads(), *self._of_joints(), _Delay(recording, self.moving)]
+
+    def _payloads(self) -> list['_LinearCause']:
+        """Return a payload of each outermost body."""
+        recording, model = self._recording, self._robot.model
+        # A payload is a load on the drives, too, and increases their friction.
+        load = self._torque - self._all_friction
+        drives = np.ones_like(load)
+        for j, joint in enumerate(model.coordinate_joints):
+            drives[:, j] += load_slope(joint, recording.u[:, j], load[:, j])
+        Y = self._robot.regressor(recording.q, recording.u, recording.udot)
+        Y = Y * (drives * self.moving)[..., None]
+        parents = {body.parent for body in model.bodies} - {WORLD}
+        # Mass, and mass times its center: the inertia of a payload is small.
+        return [_LinearCause('payload', body.name, Y[:, :, 10 * k:10 * k + 4])
+                for k, body in enumerate(model.bodies) if k not in parents]
+
+    def _of_joints(self) -> list['_LinearCause']:
+        """Return friction, offset and torque constant of each joint."""
+        causes = []
+        for j, name in enumerate(self._robot.joint_names):
+            columns = {'friction': self._friction[:, j], 'offset': 1.0,
+                       'torque constant': self._torque[:, j]}
+            for cause, column in columns.items():
+                directions = np.zeros((*self._torque.shape, 1))
+                directions[:, j, 0] = column * self.moving[:, j]
+                causes.append(_LinearCause(cause, name, directions))
+        return causes
+
+
+class _LinearCause:
+    """A possible change of a joint or body, whose torque is `directions`, (N, n, k), times its sizes."""
+
+    def __init__(self, name: str, joint: str, directions: Array) -> None:
+        self.name, self.joint = name, joint
+        self._directions = directions
+
+    def sizes(self, residual: Array, unit: Array) -> Array:
+        """Return the sizes, (1 + blocks, k), of all rows, then without each block."""
+        A = self._directions / unit[:, None]
+        b = residual / unit
+        products = []
+        for rows in np.array_split(np.arange(len(b)), BLOCKS):
+            block = A[rows].reshape(-1, A.shape[2])
+            products.append(block.T @ np.column_stack([block, b[rows].ravel()]))
+        total = np.sum(products, axis=0)
+        equations = np.array([total, *(total - np.array(products))])
+        # Columns of one length: kg and kg m have no common measure.
+        length = np.sqrt(np.maximum(np.diag(total), 1e-300))
+        scaled = equations[:, :, :-1] / np.outer(length, length)
+        inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
+        return np.asarray((inverse @ (equations[:, :, -1] / length)[..., None])[..., 0]
+                          / length)
+
+    def torque(self, size: Array) -> Array:
+        """Return the torque of sizes, (N, n)."""
+        return np.asarray(self._directions @ size)
+
+    def squares(self, residual: Array, size: Array) -> Array:
+        """Return the sum of squares that sizes leave of each joint's residual, (n,)."""
+        return np.asarray(np.sum((residual - self.torque(size))**2, axis=0))
+
+
+class _Delay:
+    """Torques of all joints that come late."""
+
+    name = DELAY
+    joint = ALL_JOINTS
+
+    def __init__(self, recording: Recording, moving: Flags) -> None:
+        self._recording, self._moving = recording, moving
         # Whole rows, so that noise is not averaged.
+        step = float(np.median(np.diff(recording.t)))
         distance = step * max(1, round(LONGEST_DELAY / (step * MOST_DELAYS)))
         count = max(round(LONGEST_DELAY / distance), 2)
-        delays = np.linspace(-count * distance, count * distance, 2 * count + 1)
-        moving = _moving(recording)
-        rate_of_model = np.zeros_like(residual)
-        for cause in causes:
-            if (cause.name, cause.joint) == ('delay', ALL_JOINTS):
-                rate_of_model = -cause.directions[..., 0]
-        of_blocks: Array = np.zeros((BLOCKS, len(delays), residual.shape[1]))
-        information: Array = np.zeros_like(of_blocks)
-        squares = np.zeros((len(delays), residual.shape[1]))
-        for k, delay in enumerate(delays):
-            # The rate of the torque that belongs to the motion, if it is so late.
-            on_time = _on_time(recording, delay)
-            rate = np.where(moving, np.gradient(on_time, t, axis=0), 0.0)
-            left = residual + np.where(moving, on_time - recording.tau, 0.0)
-            squares[k] = np.sum(left**2, axis=0) / self._sigma**2
-            weighted = rate / self._sigma**2
-            for block, rows in enumerate(np.array_split(np.arange(len(t)), BLOCKS)):
-                of_blocks[block, k] = np.sum(weighted[rows] * left[rows], axis=0)
-                information[block, k] = np.sum(weighted[rows] * rate_of_model[rows], axis=0)
-        return _DelayScores(delays, of_blocks, information, squares)
+        self._tried = distance * np.arange(-count, count + 1)
 
-    def _sizes(self, cause: _Cause, residual: Array, scores: '_DelayScores') -> CauseSizes:
-        """
-        Return the sizes of a cause with which its instruments leave no correlation.
+    def torque(self, size: Array) -> Array:
+        """Return what a delay adds to the measured torques, (N, n)."""
+        recording = self._recording
+        late = np.zeros_like(recording.tau)
+        for j, tau in enumerate(recording.tau.T):
+            late[:, j] = tau - np.interp(recording.t + size[0], recording.t, tau)
+        return np.where(self._moving, late, 0.0)
 
-        Those of a direction that is only noise are 0, without blocks NaN.
-        """
-        directions = cause.directions
-        if cause.name == 'delay':
-            return scores.delay(np.asarray(directions.any(axis=(0, 2))))
-        weighted = directions / self._sigma[:, None]
-        # Columns of length 1: kg and N m have no common measure.
-        length = np.sqrt(np.sum(weighted**2, axis=(0, 1)))
-        length[length == 0.0] = 1.0
-        weighted = weighted / length
-        instruments = cause.instruments / (self._sigma[:, None] * length)
-        target = residual / self._sigma
-        count = directions.shape[2]
-        information: Array = np.zeros((BLOCKS, count, count))
-        products = np.zeros((BLOCKS, count))
-        for k, rows in enumerate(np.array_split(np.arange(len(residual)), BLOCKS)):
-            # All rows and joints of a block below each other.
-            A = weighted[rows].reshape(-1, count)
-            Z = instruments[rows].reshape(-1, count)
-            information[k] = Z.T @ A
-            products[k] = Z.T @ target[rows].ravel()
-        # Rows far enough apart have no noise in common: a direction that is noise has no
-        # size. Its instrument is strong if F of the first stage is above 10.
-        correlation = np.sum(instruments[..., 0] * weighted[..., 0], axis=1)
-        if correlation.sum() <= np.sqrt(STRONG * np.sum(correlation**2)):
-            return CauseSizes(np.zeros(count), np.full((BLOCKS, count), np.nan))
-        # Of all blocks, then of all but one.
-        without = information.sum(axis=0) - information, products.sum(axis=0) - products
-        information = np.concatenate([[information.sum(axis=0)], without[0]])
-        products = np.concatenate([[products.sum(axis=0)], without[1]])
-        # A direction that vanishes has no size. The matrix of instruments and directions
-        # is not symmetric.
-        inverse = np.linalg.pinv(information, rcond=1e-8)
-        sizes = (inverse @ products[..., None])[..., 0] / length
-        return CauseSizes(sizes[0], sizes[1:])
+    def _tables(self, residual: Array) -> Array:
+        """Return the squares that each delay leaves, (blocks, delays, n)."""
+        tables = []
+        for delay in self._tried:
+            squares = (residual - self.torque(np.array([delay])))**2
+            tables.append([part.sum(axis=0) for part in np.array_split(squares, BLOCKS)])
+        return np.asarray(np.swapaxes(tables, 0, 1))
+
+    def sizes(self, residual: Array, unit: Array) -> Array:
+        """Return the delays with the least squares, (1 + blocks, 1), s; NaN beyond those tried."""
+        of_blocks = (self._tables(residual) / unit**2).sum(axis=-1)
+        total = of_blocks.sum(axis=0)
+        fine = np.linspace(self._tried[0], self._tried[-1], 50 * len(self._tried))
+        table = np.column_stack([total, *(total - of_blocks)])
+        curves = scientific('scipy.interpolate').CubicSpline(self._tried, table)(fine)
+        best = np.argmin(curves, axis=0)
+        is_inside = (best > 0) & (best < len(fine) - 1)
+        return np.where(is_inside, fine[best], np.nan)[:, None]
+
+    def squares(self, residual: Array, size: Array) -> Array:
+        """Return the sum of squares that a delay leaves of each joint's residual, (n,)."""
+        table = self._tables(residual).sum(axis=0)
+        spline = scientific('scipy.interpolate').CubicSpline(self._tried, table)
+        return np.asarray(spline(float(size[0])))
 
 
 def _require_rows(model: Model, recording: Recording) -> None:
@@ -500,173 +411,19 @@ def _require_rows(model: Model, recording: Recording) -> None:
     require_rigid_links(model)
 
 
-def _residual(robot: Robot, recording: Recording) -> Array:
-    """Return measured minus computed torques, (N, n), N m or N."""
-    computed = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
-    return np.asarray(recording.tau - computed)
-
-
-def _mean_motion(recording: Recording, other: Recording) -> Recording:
-    """Return the mean of two recordings of the same motion, with the torques of the first."""
-    columns = {}
-    for name in ('q', 'u', 'udot'):
-        columns[name] = 0.5 * (getattr(recording, name) + getattr(other, name))
-    return replace(recording, **columns)
-
-
-def _with_mean_rates(recording: Recording) -> Recording:
-    """
-    Return the recording with means of speeds and accelerations over a short time.
-
-    Noise of differences grows with the rate of the rows. Where the model is not linear,
-    as in friction that grows with the load, noise changes the mean torque: it has to be
-    alike in all recordings.
-    """
-    rows = _rows_of(RATE_SPAN, recording.t)
-    return replace(recording, u=_mean(recording.u, rows), udot=_mean(recording.udot, rows))
-
-
-def _share(torque: Array, recording: Recording) -> float:
-    """Return the RMS of a torque over that of the measured one, of the joint with the largest."""
-    moving = _moving(recording)
-    measured = np.nan_to_num(moving_rms(recording.tau, moving), nan=np.inf)
-    return float((np.nan_to_num(moving_rms(torque, moving)) / np.maximum(measured, 1e-12)).max())
-
-
-def _moving(recording: Recording) -> Flags:
-    """Return where a joint moves, (N, n)."""
-    return np.asarray(np.abs(recording.u) > STANDSTILL)
-
-
-def _same_motion(recording: Recording, other: Recording) -> bool:
-    """Return whether two recordings are of the same motion, row by row."""
-    if len(recording) != len(other):
-        return False
-    reach = np.maximum(np.ptp(other.q, axis=0), 1e-6)
-    distance = np.sqrt(np.mean((recording.q - other.q)**2, axis=0)) / reach
-    return bool((distance < SAME_MOTION).all())
-
-
-def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
-    """Return the possible causes with their directions and instruments."""
-    moving = _moving(recording)
-    causes = []
-    around = _motion_around(recording)
-    for (name, joint, directions), (_, _, instruments) in zip(
-            _directions(robot, recording, moving), _directions(robot, around, moving),
-            strict=True):
-        causes.append(_Cause(name, joint, directions, instruments))
-    return causes
-
-
-def _motion_around(recording: Recording) -> Recording:
-    """
-    Return the motion of the rows before and after each row, without the row.
-
-    Accelerations are differences of the speeds of two rows, which may be differences of
-    positions: rows as near as these have noise in common, and are left out, too.
-    """
-    neighbors = NEIGHBORS_OF_SPEEDS
-    if 'u' in recording.derived:
-        neighbors = NEIGHBORS_OF_POSITIONS
-    left_out = neighbors + _rows_of(RATE_SPAN, recording.t)
-    reach = left_out + max(neighbors, _rows_of(SMOOTHED, recording.t))
-    return replace(recording, q=_mean_around(recording.q, left_out, reach),
-                   u=_mean_around(recording.u, left_out, reach),
-                   udot=_mean_around(recording.udot, left_out, reach))
-
-
-def _directions(robot: Robot, recording: Recording,
-                moving: Flags) -> list[tuple[str, str, Array]]:
-    """Return name, joint and directions of the torque, (N, n, k), of each cause."""
-    # Each cause changes the torque in a direction that follows from the recording.
-    q, u, udot = recording.q, recording.u, recording.udot
-    torque = robot.inverse_dynamics(q, u, udot)
-    offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
-    terms = robot.torque_terms(q, u, udot)
-    friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
-    smooth = robot.inverse_dynamics(q, u, _mean(udot, _rows_of(SMOOTHED, recording.t)))
-    rate = np.gradient(smooth, recording.t, axis=0)
-    causes = []
-    # A payload is a load on the drives, too, and increases their friction.
-    load = torque - terms[:, TORQUE_TERMS.index('friction')]
-    drives = 1.0 + _load_slopes(robot, u, load)
-    Y = robot.regressor(q, u, udot) * (drives * moving)[..., None]
-    parents = {body.parent for body in robot.model.bodies}
-    for k, body in enumerate(robot.model.bodies):
-        if k not in parents - {WORLD}:
-            # Mass, and mass times its center: the inertia of a payload is small.
-            causes.append(('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
-    causes.append(('delay', ALL_JOINTS, -(rate * moving)[..., None]))
-    # Causes of one joint: a column of it alone, where it moves.
-    for j, name in enumerate(robot.joint_names):
-        of_joint = {'friction': friction[:, j], 'offset': np.ones(len(q)),
-                    'torque constant': torque[:, j], 'delay': -rate[:, j]}
-        for cause, column in of_joint.items():
-            directions = np.zeros((*torque.shape, 1))
-            directions[:, j, 0] = column * moving[:, j]
-            causes.append((cause, name, directions))
-    return causes
-
-
-def _rows_of(span: float, t: Array) -> int:
-    """Return how many rows either way make up a time."""
-    return round(0.5 * span / float(np.median(np.diff(t))))
-
-
 def _mean(values: Array, rows: int) -> Array:
     """Return the mean of each row and some rows before and after it, (N, n)."""
     mean = scientific('scipy.ndimage').uniform_filter1d
     return np.asarray(mean(values, 2 * rows + 1, axis=0, mode='nearest'))
 
 
-def _mean_around(values: Array, left_out: int, reach: int) -> Array:
-    """Return the mean of the rows up to a reach, without the nearest ones, (N, n)."""
-    near = (2 * left_out + 1) * _mean(values, left_out)
-    total = (2 * reach + 1) * _mean(values, reach)
-    return (total - near) / (2.0 * (reach - left_out))
+def _rms_of_blocks(values: Array, moving: Flags) -> Array:
+    """Return the RMS of each joint's rows in motion of each block, (blocks, n); 0 at rest."""
+    parts = zip(np.array_split(values, BLOCKS), np.array_split(moving, BLOCKS), strict=True)
+    return np.nan_to_num([moving_rms(*part) for part in parts])
 
 
-def _load_slopes(robot: Robot, u: Array, load: Array) -> Array:
-    """Return the derivative of friction by the loads on the drives, (N, n)."""
-    slopes = np.zeros_like(load)
-    for j, joint in enumerate(robot.model.coordinate_joints):
-        slopes[:, j] = load_slope(joint, u[:, j], load[:, j])
-    return slopes
-
-
-def _repeats(cause: _Cause, alarm: ModelChange) -> bool:
-    """Return whether an alarm has named a cause; a common delay is one of each joint."""
-    if cause.name != alarm.cause:
-        return False
-    common = cause.name == 'delay' and ALL_JOINTS in (cause.joint, alarm.joint)
-    return common or cause.joint == alarm.joint
-
-
-def _added_torque(recording: Recording, cause: _Cause, size: Array) -> Array:
-    """Return the torque that a cause of a size adds, (N, n)."""
-    if cause.name != 'delay':
-        return np.asarray(cause.directions @ size)
-    late = recording.tau - _on_time(recording, float(size[0]))
-    delayed = cause.directions.any(axis=(0, 2))
-    return np.where(_moving(recording) & delayed, late, 0.0)
-
-
-def _on_time(recording: Recording, delay: float) -> Array:
-    """Return the measured torques that belong to the motion if they are late, (N, n)."""
-    t = recording.t
-    return np.column_stack([np.interp(t + delay, t, tau) for tau in recording.tau.T])
-
-
-def _floor(cause: str, sigma: Array) -> float:
-    """Return the smallest size of a cause that is more than rounding."""
-    if cause == 'offset':
-        return LEAST_SIZE * float(sigma.min())
-    return LEAST_SIZE
-
-
-def _spread(jackknifed: Array) -> Array:
-    """Return the standard error from the sizes without each block, (k,)."""
-    count = len(jackknifed)
-    apart = jackknifed - jackknifed.mean(axis=0)
-    return np.asarray(np.sqrt((count - 1) / count * np.sum(apart**2, axis=0)))
+def _spread(sizes: Array) -> float:
+    """Return the standard error of the first size, from those without each block."""
+    first = sizes[1:, 0]
+    return float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((first - first.mean())**2)))

@@ -17,7 +17,6 @@ from typing import Any
 
 from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array, Flags
-from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
                                                                require_rigid_links,
@@ -162,55 +161,6 @@ def full_regressor(data: RegressionRows, speeds: Array) -> Array:
     return X
 
 
-def compressed(data: RegressionRows,
-               speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
-    """
-    Return equations R x = z per joint, with the normal equations of all its rows in motion.
-
-    Returns
-    -------
-    equations : list of (R, z)
-        One per joint; R is square, or has fewer rows, from a QR factorization.
-    floor : (n,) array
-        Smallest possible sum of squares.
-    counts : (n,) array
-        Number of rows of each joint.
-
-    """
-    columns = data.Y.shape[2] + 4 * data.Y.shape[1]
-    counts = data.moving.sum(axis=0)
-    for j, count in enumerate(counts):
-        if count <= columns + 1:
-            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of "
-                             f'the fit; expected more than {columns + 1} for {columns} '
-                             'unknowns')
-    equations = []
-    floor = np.zeros(len(counts))
-    bodies = data.Y.shape[2]
-    # R of each joint: bodies, its own friction and the torque; other columns are zero.
-    for j in range(len(counts)):
-        moves = data.moving[:, j]
-        own = friction_columns(data.recording, j, float(speeds[j]))
-        tau = data.recording.tau[:, j] - data.rest[:, j]
-        table = np.column_stack([data.Y[:, j], own, tau])[moves]
-        used = np.flatnonzero(table.any(axis=0))
-        R = triangle(table[:, used])
-        # The last row has the residual that no parameter reduces.
-        floor[j] = R[-1, -1]**2
-        places = np.concatenate([np.arange(bodies), bodies + 4 * j + np.arange(4), [columns]])
-        full = np.zeros((len(R) - 1, columns + 1))
-        full[:, places[used]] = R[:-1]
-        equations.append((full[:, :-1], full[:, -1]))
-    return equations, floor, counts
-
-
-def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array,
-            x: Array) -> Array:
-    """Return the standard deviation of each joint's residual at x, (n,), N m or N."""
-    missed = np.array([np.sum((z - R @ x)**2) for R, z in equations]) + floor
-    return np.asarray(np.sqrt(np.maximum(missed / counts, 1e-24)))
-
-
 def rms(values: Array) -> Array:
     """Return the root mean square of each column."""
     return np.asarray(np.sqrt(np.mean(values * values, axis=0)))
@@ -219,14 +169,3 @@ def rms(values: Array) -> Array:
 def triangle(A: Array) -> Array:
     """Return R of A = Q R, which has the same normal equations and at most as many rows as A."""
     return np.asarray(np.linalg.qr(A, mode='r'))
-
-
-def stacked_rows(equations: list[tuple[Array, Array]],
-                 sigma: Array) -> tuple[Array, Array]:
-    """Return the equations of all joints, divided by their standard deviations."""
-    rows = []
-    right_sides = []
-    for (R, z), deviation in zip(equations, sigma, strict=True):
-        rows.append(R / deviation)
-        right_sides.append(z / deviation)
-    return np.vstack(rows), np.concatenate(right_sides)

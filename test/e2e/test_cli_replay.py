@@ -196,10 +196,10 @@ def test_a_change_that_is_no_alarm_is_not_called_sound(tmp_path, recording):
     heavier = simulated(load_urdf(URDF), 3, 0.01, duration=5.0)
     changed = written(tmp_path / 'today.npz', heavier, tau=heavier.tau + [0.0, 0.1])
     done = command('replay', str(URDF), changed, '--reference', sound,
-                   '--smallest', '0.9')
+                   '--smallest', '20')
     assert done.returncode == 0
     assert 'larger difference than in the reference: joint2' in done.stdout
-    assert '0.9 of the torque' in done.stdout and 'as it describes' not in done.stdout
+    assert '20 of the friction' in done.stdout and 'as it describes' not in done.stdout
 
 
 def test_what_cannot_be_compared_with_a_reference_is_refused(tmp_path, recording):

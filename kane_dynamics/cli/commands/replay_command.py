@@ -69,15 +69,13 @@ def _changes(options: Namespace, model: Model, recording: Recording) -> dict[str
         except InputError as error:
             raise InputError(f'--reference: {error}') from None
         references.append(reference)
-    watch = ModelWatch(model, references, false_alarms=options.false_alarms,
-                       smallest=options.smallest)
+    watch = ModelWatch(model, references, smallest=options.smallest)
     report = watch.report(recording)
     alarms = [{**alarm._asdict(), 'words': str(alarm)} for alarm in report.alarms]
     return {'reference_rms': report.reference, 'alarms': alarms,
             'not_judged': np.array(model.joint_names)[~report.judged].tolist(),
             'smallest': watch.smallest,
-            'larger': np.array(model.joint_names)[report.larger].tolist(),
-            'false_alarms': options.false_alarms}
+            'larger': np.array(model.joint_names)[report.larger].tolist()}
 
 
 def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
@@ -143,8 +141,6 @@ def _print_changes(data: dict[str, Any]) -> None:
         _print_without_alarm(data)
     if at_rest:
         print(f'cannot judge, at rest: {", ".join(at_rest)}')
-    rate = 100.0 * data['false_alarms']
-    print(f'at most {rate:g} % of sound recordings have an alarm by noise')
 
 
 def _print_without_alarm(data: dict[str, Any]) -> None:
@@ -154,7 +150,7 @@ def _print_without_alarm(data: dict[str, Any]) -> None:
         return
     print(f'no alarm, but a larger difference than in the reference: '
           f'{", ".join(data["larger"])}; a change is an alarm from '
-          f'{data["smallest"]:.2g} of the torque of its joint on (--smallest)')
+          f'{data["smallest"]:.2g} of the friction of its joint on (--smallest)')
 
 
 def _delay_in_words(data: dict[str, Any]) -> str:

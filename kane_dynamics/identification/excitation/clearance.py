@@ -1,9 +1,8 @@
 """
 Collision avoidance for exciting motions: heights above a floor, distances between links.
 
-Links have the simple shapes of the URDF: boxes, cylinders and spheres. Above the floor
-these count as they are; between links as the capsules around them: the points within a
-radius of the segment along the longest side. Pairs of bodies that a joint connects are
+Links have the simple shapes of the URDF: boxes, cylinders and spheres. They count as the
+capsules around them: the points within a radius of the segment along the longest side. Pairs of bodies that a joint connects are
 left out, and pairs of shapes whose capsules touch at rest.
 
 The distance of two capsules is that of their segments less the radii (Ericson, Real-Time
@@ -12,9 +11,13 @@ by the Jacobians (partial velocities) of their bodies.
 """
 
 from collections.abc import Iterator, Sequence
+import math
 from typing import NamedTuple
+import warnings
 
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ModelWarning
 from kane_dynamics.kinematics.body_poses import model_size
 from kane_dynamics.model.link_shapes import (LinkShape, shapes_of_bodies,
                                              warn_of_unknown_links)
@@ -31,14 +34,11 @@ CHANGES = 1e-9  # m: less is rounding
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class Shape(NamedTuple):
-    """A shape in the axes of its body's frame: kind, sizes, pose and capsule, m."""
+class Capsule(NamedTuple):
+    """The capsule around a shape, in the axes of its body's frame, m."""
 
     name: str
     body: int
-    kind: str
-    size: Array
-    rotation: Array
     center: Array
     half: Array  # from the center to the end of the capsule's segment
     radius: float
@@ -73,7 +73,7 @@ class Clearance:
         self.shapes = []
         for body, visual in shapes_of_bodies(model, shapes, model_size(model, at_zero)):
             if body in self._frames:
-                self.shapes.append(self._shape(model, body, visual))
+                self.shapes.append(self._capsule(model, body, visual))
         self._bodies = sorted({shape.body for shape in self.shapes})
 
         # Pairs of bodies that no joint connects. A parent comes before its children.
@@ -105,26 +105,23 @@ class Clearance:
         self.moving = [k for k, change in zip(self.moving, height_changes, strict=True)
                        if change > CHANGES]
 
-    def _shape(self, model: Model, body: int, visual: LinkShape) -> Shape:
-        """Return a shape, given in its body's axes, in those of the body's frame."""
+    def _capsule(self, model: Model, body: int, shape: LinkShape) -> Capsule:
+        """Return the capsule of a shape, given in its body's axes, in those of its frame."""
         frame = self._frames[body]
-        R = frame.rotation.T @ visual.pose[:3, :3]
-        center = frame.rotation.T @ (visual.pose[:3, 3] - frame.translation)
-        sizes = np.asarray(visual.size, dtype=float)
-        # A capsule about the shape: its axis is the longest direction, its radius covers
-        # the others.
+        R = frame.rotation.T @ shape.pose[:3, :3]
+        center = frame.rotation.T @ (shape.pose[:3, 3] - frame.translation)
+        sizes = np.asarray(shape.size, dtype=float)
+        # Its axis is the longest direction, its radius covers the others.
         half = np.zeros(3)
-        if visual.kind == 'box':
+        radius = float(sizes[0])
+        if shape.kind == 'box':
             k = int(np.argmax(sizes))
-            half[k], radius = 0.5 * sizes[k], 0.5 * float(np.linalg.norm(np.delete(sizes,
-                                                                                   k)))
-        elif visual.kind == 'cylinder':
-            half[2], radius = 0.5 * sizes[1], float(sizes[0])
-        else:
-            radius = float(sizes[0])
+            half[k] = 0.5 * sizes[k]
+            radius = 0.5 * float(np.linalg.norm(np.delete(sizes, k)))
+        elif shape.kind == 'cylinder':
+            half[2] = 0.5 * sizes[1]
         name = model.base_name if body == WORLD else model.bodies[body].name
-        return Shape(visual.link or name, body, visual.kind, sizes, R, center, R @ half,
-                     radius)
+        return Capsule(shape.link or name, body, center, R @ half, radius)
 
     def _poses(self, q: Array) -> dict[int, Array]:
         """Return the poses of the bodies' frames, (N, 4, 4) each."""
@@ -151,26 +148,11 @@ class Clearance:
         return np.stack(centers, axis=1), np.stack(halves, axis=1)
 
     def _lowest_points(self, poses: dict[int, Array]) -> Array:
-        """Return the lowest point of each shape that may reach the floor, (N, k, 3)."""
-        points = [np.zeros((len(poses[self._bodies[0]]), 0, 3))]
-        for shape in (self.shapes[k] for k in self.moving):
-            pose = poses[shape.body]
-            R = pose[:, :3, :3] @ shape.rotation
-            down = -R[:, 2, :]  # the world's down in the shape's axes
-            # The support point of a convex shape in the direction down.
-            if shape.kind == 'box':
-                point = 0.5 * np.sign(down) * shape.size
-            elif shape.kind == 'cylinder':
-                flat = np.linalg.norm(down[:, :2], axis=1, keepdims=True)
-                point = np.concatenate([shape.size[0] * down[:, :2] / np.maximum(flat,
-                                                                                 SMALL),
-                                        0.5 * shape.size[1] * np.sign(down[:, 2:])],
-                                       axis=1)
-            else:
-                point = shape.size[0] * down
-            center = pose[:, :3, :3] @ shape.center + pose[:, :3, 3]
-            points.append((center + (R @ point[:, :, None])[:, :, 0])[:, None])
-        return np.concatenate(points, axis=1)
+        """Return the lowest point of each capsule that may reach the floor, (N, k, 3)."""
+        centers, halves = (part[:, self.moving] for part in self._segments(poses))
+        radii = np.array([self.shapes[k].radius for k in self.moving])
+        return np.asarray(centers - np.sign(halves[:, :, 2:]) * halves
+                          - radii[:, None] * UP)
 
     def heights(self, q: Array) -> Array:
         """Return the heights of the k movable shapes above the floor, (N, k), m, for q (N, n)."""
@@ -189,6 +171,11 @@ class Clearance:
     def distances(self, q: Array) -> Array:
         """Return the distance between the capsules of each pair, (N, pairs), m, for q (N, n)."""
         return self._closest(self._poses(q))[2]
+
+    def room(self, q: Array) -> Array:
+        """Return heights and distances beyond those needed, (N, k + pairs), m, for q (N, n)."""
+        floor = -np.inf if self.floor is None else self.floor
+        return np.hstack([self.heights(q) - floor, self.distances(q) - self.needed])
 
     def missing(self, q: Array) -> tuple[float, Array]:
         """Return the mean squared shortfall for q (N, n), in units of `UNIT`, and its gradient."""
@@ -268,6 +255,27 @@ class Clearance:
                 return (f"links '{self.shapes[j].name}' and '{self.shapes[i].name}' "
                         f'{self.needed[k]:.3g} m apart')
         return None
+
+
+def clearance_of(model: Model, shapes: Sequence[LinkShape] | None, floor: float | None,
+                 distance: float | None) -> Clearance | None:
+    """
+    Return what keeps links above a floor and apart; None without a floor and shapes.
+
+    Without shapes links are rods, which are kept above a floor, not apart.
+    """
+    if floor is not None:
+        floor = number(floor, 'floor', 'a finite height, m', math.isfinite)
+    if distance is not None:
+        distance = number(distance, 'distance', 'a finite number >= 0, m',
+                          lambda x: 0.0 <= x < math.inf)
+    if shapes is not None:
+        return Clearance(model, shapes, floor, distance)
+    if distance is not None:
+        warnings.warn('shapes: None, so links are not kept apart, and are rods above a '
+                      "floor; expected shapes=load_collision_shapes('arm.urdf'), or "
+                      'distance=None', ModelWarning, stacklevel=3)
+    return None if floor is None else Clearance(model, (), floor, None)
 
 
 def lower_bounds(values: Array) -> Array:

@@ -15,7 +15,6 @@ respect to the states of a sample are differences of the compiled regressor, and
 states are linear in the coefficients.
 """
 
-from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.checks import limit_per_joint
@@ -49,7 +48,7 @@ class DesignCriterion:
 
     Parameters
     ----------
-    model, share, velocity, acceleration, floor, floor_frames
+    model, share, velocity, acceleration
         As in `excite`.
     basis : FourierBasis
         Of the motion.
@@ -59,9 +58,7 @@ class DesignCriterion:
     """
 
     def __init__(self, model: Model, basis: FourierBasis, share: float,
-                 velocity: ArrayLike,
-                 acceleration: ArrayLike, floor: float | None,
-                 floor_frames: Sequence[str] | None,
+                 velocity: ArrayLike, acceleration: ArrayLike,
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
         require_angles(model, 'excitation')
@@ -100,15 +97,6 @@ class DesignCriterion:
         self.speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
         self.columns = base_parameters(model, self.speeds).columns
         self.sigma = np.where(np.isfinite(self.effort), self.effort, 1.0)
-        # Frames whose heights are bounded: the stated ones, or those of all bodies.
-        self.floor = -math.inf
-        self.frames: tuple[str, ...] = ()
-        if floor is not None:
-            self.floor = floor
-            frame_names = {frame.name for frame in model.frames}
-            of_bodies = [body.name for body in model.bodies if body.name in frame_names]
-            self.frames = tuple(floor_frames or of_bodies)
-
         # Samples for the search, denser ones for the check, and the finest for extremes.
         self.clearance = clearance
         self.grid = self._matrices(SAMPLES)
@@ -192,12 +180,6 @@ class DesignCriterion:
                                                                                      udot),
                                      strict=True):
                 slope += np.einsum('sj,sji->si', by_torque, matrix)
-        # Heights of frames; their gradient is the vertical row of the Jacobian.
-        for frame in self.frames:
-            low = np.maximum(self.floor - self._height(frame, q), 0.0)
-            total += float(np.sum(low**2)) / len(q)
-            up = self.robot.jacobian(frame, q)[:, 2]
-            slopes[0] -= 2.0 / len(q) * low[:, None] * up
         return total, slopes
 
     def broken(self, p: Array) -> str | None:
@@ -206,14 +188,7 @@ class DesignCriterion:
             j = int(use.argmax())
             if use[j] > self.share:
                 return f"the {name} limit of joint '{self.model.joint_names[j]}'"
-        q = self.dense[0] @ p
-        low = [name for name in self.frames if self._height(name, q).min() < self.floor]
-        if low:
-            return f"frame '{low[0]}' above {self.floor:g} m"
-        return None if self.clearance is None else self.clearance.broken(q)
-
-    def _height(self, frame: str, q: Array) -> Array:
-        return np.asarray(self.robot.frame_pose(frame, q)[:, 2, 3])
+        return None if self.clearance is None else self.clearance.broken(self.dense[0] @ p)
 
     def uses(self, p: Array) -> dict[str, Array]:
         """Return the largest share of each limit that a motion uses at any time, (n,) arrays."""

@@ -15,12 +15,12 @@ from collections import Counter
 from collections.abc import Sequence
 import math
 from typing import NamedTuple
-import warnings
 
 from kane_dynamics._util.checks import instance, integer, number, real_numbers
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.identification.excitation.clearance import AIM, Clearance, DISTANCE
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.clearance import (AIM, Clearance,
+                                                               clearance_of, DISTANCE)
 from kane_dynamics.identification.recordings.recording import require_rigid_links
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.model.elastic_model import require_rigid_joints
@@ -77,13 +77,7 @@ class _Limits(NamedTuple):
         """Return the configurations, (K, n), above the floor and with links apart."""
         if self.clearance is None:
             return q
-        is_clear = np.ones(len(q), dtype=bool)
-        if self.clearance.floor is not None:
-            heights = self.clearance.heights(q)
-            is_clear &= (heights > self.clearance.floor + AIM).all(axis=1)
-        distances = self.clearance.distances(q)
-        is_clear &= (distances > self.clearance.needed + AIM).all(axis=1)
-        return q[is_clear]
+        return q[(self.clearance.room(q) > AIM).all(axis=1)]
 
 
 def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
@@ -117,7 +111,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
     seed : int
         Of the configurations from which it chooses.
     floor, shapes, distance
-        As in `excite`; a floor needs shapes.
+        As in `excite`.
 
     Raises
     ------
@@ -144,7 +138,7 @@ def friction_motion(model: Model, *, loads: int = 3, strokes: int = 2,
     share = number(share, 'share', f'a number from {LEAST:g} to 1',
                    lambda x: LEAST <= x <= 1.0)
     rng = np.random.default_rng(integer(seed, 'seed', 0))
-    clearance = _clearance(model, shapes, floor, distance)
+    clearance = clearance_of(model, shapes, floor, distance)
     robot = Robot(model)
     limits = _Limits(robot, _velocity_limits(robot), share, clearance)
 
@@ -192,28 +186,6 @@ def _speeds(speeds: ArrayLike) -> Array:
     if shares.ndim != 1 or not len(shares) or not within.all():
         raise InputError(f'speeds: {speeds!r}; expected numbers from {LEAST:g} to 1')
     return shares
-
-
-def _clearance(model: Model, shapes: Sequence[LinkShape] | None, floor: float | None,
-               distance: float | None) -> Clearance | None:
-    """Return the rule that keeps links above a floor and apart, if there are shapes."""
-    # A floor and distances are of shapes: without them, a floor is an error, no
-    # distance a warning.
-    if floor is not None:
-        floor = number(floor, 'floor', 'a finite height, m', math.isfinite)
-    if distance is not None:
-        distance = number(distance, 'distance', 'a finite number >= 0, m',
-                          lambda x: 0.0 <= x < math.inf)
-    if shapes is not None:
-        return Clearance(model, shapes, floor, distance)
-    if floor is not None:
-        raise InputError(f'floor: {floor:g} without shapes; expected '
-                         "shapes=load_collision_shapes('arm.urdf'), or no floor")
-    if distance is not None:
-        warnings.warn('shapes: None, so links are not kept apart; expected '
-                      "shapes=load_collision_shapes('arm.urdf'), or distance=None",
-                      ModelWarning, stacklevel=3)
-    return None
 
 
 def _position_limits(robot: Robot, share: float) -> tuple[Array, Array]:

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
-import warnings
 
 from kane_dynamics._util.checks import instance, integer, number
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.clearance import clearance_of, DISTANCE
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.recordings.recording import require_rigid_links
@@ -89,7 +88,6 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
            seed: int = 0, starts: int = 2, share: float = 0.9,
            velocity: ArrayLike = math.inf,
            acceleration: ArrayLike = math.inf, floor: float | None = None,
-           floor_frames: Sequence[str] | None = None,
            shapes: Sequence[LinkShape] | None = None,
            distance: float | None = DISTANCE,
            progress: Callable[[float], object] = lambda done: None) -> Excitation:
@@ -121,10 +119,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     velocity, acceleration : float or (n,) array_like
         Further limits, rad/s or m/s, rad/s^2 or m/s^2.
     floor : float, optional
-        Height in the world above which links stay, m.
-    floor_frames : sequence of str, optional
-        Frames whose origins stay above it; by default the shapes do, and without these
-        the frame of every moving body.
+        Height in the world above which links stay, m; without shapes they are rods.
     shapes : sequence of LinkShape, optional
         Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; a
         model has none. Without them links are not kept apart.
@@ -158,22 +153,9 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     starts = integer(starts, 'starts', 1)
     share = number(share, 'share', 'a number above 0, up to 1', lambda x: 0.0 < x <= 1.0)
     rng = np.random.default_rng(integer(seed, 'seed', 0))
-    if floor is not None:
-        floor = number(floor, 'floor', 'a finite height, m', math.isfinite)
-    if distance is not None:
-        distance = number(distance, 'distance', 'a finite number >= 0, m',
-                          lambda x: 0.0 <= x < math.inf)
-    if shapes is None and distance is not None:
-        warnings.warn('shapes: None, so links are not kept apart, nor their surfaces '
-                      'above a floor; expected '
-                      "shapes=load_collision_shapes('arm.urdf'), or "
-                      'distance=None', ModelWarning, stacklevel=2)
-    clearance = None
-    if shapes is not None:
-        clearance = Clearance(model, shapes, floor, distance)
-        floor = None if floor_frames is None else floor
+    clearance = clearance_of(model, shapes, floor, distance)
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share,
-                             velocity, acceleration, floor, floor_frames, clearance)
+                             velocity, acceleration, clearance)
     # The search has many local minima: it starts several times, and the best end counts.
     # An optimum may exceed the limits slightly, so that it is shrunk until it keeps them.
     motions = []

@@ -8,12 +8,11 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
-from kane_dynamics.identification.physical_consistency import nearest_physical, prior_metric
+from kane_dynamics.identification.physical_consistency import physical, prior_metric
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.mechanics.recursive.regressor import (ENTRIES, parameters_of,
-                                                         pseudo_inertia_of)
+from kane_dynamics.mechanics.recursive.regressor import ENTRIES, pseudo_inertia_of
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -157,16 +156,12 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str, *,
 
 def _solved(information: Array, weighted: Array, belief: Array) -> tuple[Array, Array]:
     """Return the physical parameters, (10,), that fit best, and their covariance."""
-    start = parameters_of(START.pseudo_inertia)
-    # The minimum without constraints; it is the solution if it is physical.
-    x, covariance = with_belief(information, weighted, belief, start)
-    if np.linalg.eigvalsh(pseudo_inertia_of(x))[0] > 0.0:
-        return x, covariance
-
-    # The posterior is normal, with this mean and covariance: the most probable physical
-    # parameters are those nearest to the mean in its own measure.
     values, V = in_beliefs(information, belief)
-    return nearest_physical(x, V / np.sqrt(1.0 + values), START), covariance
+    # Equations R x = z with R^T R = information, in the directions that the rows know.
+    root = np.sqrt(values)
+    z = V.T @ weighted / np.where(root > 0.0, root, np.inf)
+    x = physical(root[:, None] * (V.T @ belief), z, [START], np.zeros(0), BELIEF)
+    return x, (V / (1.0 + values)) @ V.T
 
 
 def in_beliefs(information: Array, belief: Array) -> tuple[Array, Array]:

@@ -43,8 +43,7 @@ def model_watch(values: Mapping[str, Any], robot: Robot) -> ModelWatch:
         recording = read_recording(values['watch.reference'], names, numbered=names)
         # The reference is of the model as it is, without what the node has been told since.
         reference = stated_efforts(values, robot).applied(Robot(robot.model), recording)
-        return ModelWatch(robot.model, reference,
-                          false_alarms=values['watch.false_alarms'])
+        return ModelWatch(robot.model, reference, smallest=values['watch.smallest'])
     except (InputError, OSError) as error:
         raise InputError(f"parameter 'watch.reference': {error}") from None
 

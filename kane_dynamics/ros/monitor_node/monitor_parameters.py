@@ -27,9 +27,9 @@ SPECS = (
     Spec('watch.window', 'number', 30.0,
          'time in motion after which ~/model_watch says what has changed, s', low=2.0,
          high=60.0),
-    Spec('watch.false_alarms', 'number', 1e-3,
-         'share of the windows of a sound arm that may have an alarm', positive=True,
-         low=0.0, high=0.4),
+    Spec('watch.smallest', 'number', 0.42,
+         'smallest torque of a change that is an alarm, relative to the friction of a joint '
+         'and the error of the model in the reference', low=0.0, high=100.0),
 )
 ALL = (*SPECS, *(spec for name, spec in BY_NAME.items()
                  if name.partition('.')[0] in SHARED))

@@ -13,9 +13,10 @@ from kane_dynamics.identification import (base_parameters, base_speeds, fit_base
                                           identify, read_recording,
                                           Recording, rows)
 from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification import physical_consistency
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.regression import (
-    bounded, compressed, friction_columns, full_regressor, LOWEST, stacked_rows)
+    bounded, friction_columns, full_regressor, LOWEST)
 from kane_dynamics.identification.result_files import written
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from mechanisms import with_inertials
@@ -233,15 +234,18 @@ def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exa
             for joint in identified.model.coordinate_joints] == pytest.approx([3.0] * 6)
 
 
+def equations(data):
+    """Return the equations A x = b of the rows in motion, for noise of 0.5 N m."""
+    A = full_regressor(data, np.full(6, 0.05))[data.moving]
+    b = (data.recording.tau - data.rest)[data.moving]
+    return A / 0.5, b / 0.5
+
+
 def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
-    data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
-    equations, _, _ = compressed(data, np.full(6, 0.05))
-    A, b = stacked_rows(equations, np.full(6, 0.5))
+    A, b = equations(rows(inaccurate_arm(), noisy().rows(slice(0, 400))))
     prior = [body.inertial for body in inaccurate_arm().bodies]
     direct = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
-    for name in ('_unconstrained', '_nearest'):
-        monkeypatch.setattr(f'kane_dynamics.identification.physical_consistency.{name}',
-                            lambda *_: None)
+    monkeypatch.setattr(physical_consistency, '_unconstrained', lambda *_: None)
     program = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
     misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)
@@ -252,13 +256,10 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
 @pytest.mark.parametrize('stalls', [1, 2, 3])
 def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(
         stalls, monkeypatch):
-    data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
-    A, b = stacked_rows(compressed(data, np.full(6, 0.05))[0], np.full(6, 0.5))
+    A, b = equations(rows(inaccurate_arm(), noisy().rows(slice(0, 400))))
     prior = [body.inertial for body in inaccurate_arm().bodies]
     program = A, b, prior, np.tile(LOWEST, 6), 100.0
-    for name in ('_unconstrained', '_nearest'):
-        monkeypatch.setattr(f'kane_dynamics.identification.physical_consistency.{name}',
-                            lambda *_: None)
+    monkeypatch.setattr(physical_consistency, '_unconstrained', lambda *_: None)
     expected = physical(*program)
     shares = []
     solver = clarabel.DefaultSolver

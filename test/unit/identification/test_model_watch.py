@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from functools import cache, partial
-from itertools import pairwise
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
-from kane_dynamics.identification import (ModelChange, ModelWatch, read_recording,
-                                          Recording)
+from kane_dynamics.identification import (identify, ModelChange, ModelWatch,
+                                          read_recording, Recording)
 from kane_dynamics.model.model import Inertial, with_payload
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
 LOSSES = {'damping': 8.0, 'friction': 6.0, 'armature': 0.2}
 
 
-watch_of = partial(ModelWatch, smallest=0.0)  # every change matters
+watch_of = partial(ModelWatch, smallest=0.05)  # of an arm whose friction hardly changes
 
 
 def with_losses(model, factor=1.0):
@@ -29,22 +28,6 @@ def with_losses(model, factor=1.0):
         joint = replace(body.joint, **{name: factor * x for name, x in LOSSES.items()})
         bodies.append(replace(body, joint=joint))
     return replace(model, bodies=tuple(bodies))
-
-
-def drifting(model, phase, rng):
-    """Return ten seconds of a motion, with torques that have errors of 0.1 s."""
-    t = np.arange(0.0, 10.0, 0.01)
-    rates = np.array([1.3, 2.1])
-    amplitudes = np.array([0.6, 0.8])
-    angles = np.outer(t, rates) + phase
-    q = amplitudes * np.sin(angles)
-    u = amplitudes * rates * np.cos(angles)
-    udot = -rates**2 * q
-    errors = 0.2 * rng.normal(size=q.shape)
-    for k in range(1, len(t)):
-        errors[k] += 0.9 * errors[k - 1]
-    tau = Robot(model).inverse_dynamics(q, u, udot) + errors
-    return Recording(t=t, q=q, u=u, udot=udot, tau=tau)
 
 
 @cache
@@ -57,9 +40,8 @@ def recorded(name):
         pytest.skip('no recordings of real arms here')
     path, urdf, joints = real(*REAL[name])
     model = quiet(urdf, joints=joints)
-    # Friction of about the right size: the errors of this model are large.
-    size = {'panda': 0.05, 'ur10': 1.0}[name]
-    return with_losses(model, size), read_recording(str(path), joints)
+    recording = read_recording(str(path), joints)
+    return identify(model, recording, diagnosed=True).model, recording
 
 
 def spoilt(model, r):
@@ -76,7 +58,7 @@ def spoilt(model, r):
     for j, name in enumerate(model.joint_names):
         changes = {'friction': r.tau[:, j] + 0.5 * friction[:, j],
                    'offset': r.tau[:, j] + 0.05 * np.abs(r.tau[:, j]).max(),
-                   'torque constant': 0.9 * r.tau[:, j], 'delay': late[:, j]}
+                   'torque constant': 0.9 * r.tau[:, j]}
         for cause, column in changes.items():
             tau = r.tau.copy()
             tau[:, j] = column
@@ -102,47 +84,18 @@ def test_nine_of_ten_faults_are_named_with_their_joint_and_no_sound_recording_is
 
 
 @pytest.mark.parametrize(('cause', 'size'), [
-    ('friction', 0.5), ('offset', 4.0), ('torque constant', -0.1), ('delay', 0.01)])
+    ('friction', 0.5), ('offset', 4.0), ('torque constant', -0.1)])
 def test_the_size_of_a_change_is_found_within_its_deviation(cause, size):
     model, sound = recorded('simulated')
     robot = Robot(model)
-    rate = np.gradient(sound.tau[:, 1], sound.t)
     added = {'friction': size * robot.friction_force(sound.u)[:, 1], 'offset': size,
-             'torque constant': size * sound.tau[:, 1], 'delay': -size * rate}[cause]
+             'torque constant': size * sound.tau[:, 1]}[cause]
     tau = sound.tau.copy()
-    tau[:, 1] += added if cause != 'delay' else np.interp(
-        sound.t - size, sound.t, sound.tau[:, 1]) - sound.tau[:, 1]
+    tau[:, 1] += added
     alarm = watch_of(model, sound).report(replace(sound, tau=tau)).alarms[0]
     assert (alarm.cause, alarm.joint) == (cause, model.joint_names[1])
     assert alarm.size == pytest.approx(size, rel=0.15)
     assert alarm.joint in str(alarm)
-
-
-@pytest.mark.slow
-def test_false_alarms_of_other_sound_recordings_are_at_most_the_stated_rate():
-    model = with_losses(load_urdf(URDF.with_name('two_link.urdf')))
-    reference = simulated(model, 0, 0.5, duration=8.0)
-    watch = watch_of(model, reference, false_alarms=0.05)
-    alarms = 0
-    for seed in range(1, 61):
-        noise = 0.5 * np.random.default_rng(seed).normal(size=reference.tau.shape)
-        again = replace(reference, tau=Robot(model).inverse_dynamics(
-            reference.q, reference.u, reference.udot) + noise)
-        alarms += bool(watch.report(again).alarms)
-    assert alarms <= 8  # 3 are expected at most; 9 or more have a probability of 0.3 %
-
-
-@pytest.mark.slow
-def test_false_alarms_of_other_motions_are_at_most_the_stated_rate():
-    # Errors of a sensor last for some samples; both recordings have errors of their own.
-    model = with_losses(load_urdf(URDF.with_name('two_link.urdf')))
-    alarms = 0
-    for seed in range(300):
-        rng = np.random.default_rng(seed)
-        sound = drifting(model, 0.3, rng)
-        other_recording = drifting(model, 1.3, rng)
-        alarms += bool(watch_of(model, sound).report(other_recording).alarms)
-    assert alarms <= 8  # 3 are expected at most; 9 or more have a probability of 0.4 %
 
 
 def with_gears(model):
@@ -170,14 +123,13 @@ def measured(model, noise_seed, delay=0.0, motion_seed=3, speed=2.0, noise=0.2,
     return Recording(t[rows], q_rows, u_rows, udot_rows, tau_rows)
 
 
-@pytest.mark.parametrize('delay', [0.006, pytest.param(0.01, marks=pytest.mark.slow),
-                                   pytest.param(-0.004, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('delay', [0.006, pytest.param(-0.01, marks=pytest.mark.slow)])
 def test_a_common_delay_is_one_alarm_with_its_size(delay):
     model = with_gears(load_urdf(URDF))
     watch = watch_of(model, measured(model, 1))
     alarm, = watch.report(measured(model, 2, delay)).alarms
     assert (alarm.cause, alarm.joint) == ('delay', 'all joints')
-    assert abs(alarm.size - delay) < 3.0 * alarm.deviation < 0.001
+    assert abs(alarm.size - delay) < 0.003  # rows are 5 ms apart
 
 
 @pytest.mark.parametrize('motion_seed', [3, 4])
@@ -251,26 +203,10 @@ def test_noise_of_accelerations_is_no_change_at_another_rate(drives, rate, other
     model = load_urdf(URDF)
     if drives == 'with gears':
         model = with_gears(model)
-    watch = watch_of(model, slow_motion(model, 1, rate, amount), false_alarms=0.01)
+    watch = watch_of(model, slow_motion(model, 1, rate, amount))
     for seed in range(10, 16):
         sound = slow_motion(model, seed, other_rate, amount)
         assert watch.report(sound).alarms == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('amount', [0.5, 1.0, 2.0])
-@pytest.mark.parametrize(('rate', 'other_rate'), [
-    (200.0, 100.0), (100.0, 200.0), (1000.0, 100.0), (100.0, 100.0)])
-def test_false_alarms_at_another_rate_are_at_most_the_stated_rate(rate, other_rate,
-                                                                  amount):
-    model = load_urdf(URDF)
-    alarms = 0
-    for seed in range(200):
-        if seed % 20 == 0:
-            sound = slow_motion(model, 1000 + seed, rate, amount)
-            watch = watch_of(model, sound, false_alarms=0.01)
-        alarms += bool(watch.report(slow_motion(model, seed, other_rate, amount)).alarms)
-    assert alarms <= 2
 
 
 def test_faults_are_named_at_another_rate():
@@ -300,9 +236,10 @@ def test_other_motion_shows_a_large_change_and_no_false_one():
 
 def test_invalid_arguments_of_a_watch_are_refused():
     model, sound = recorded('simulated')
-    with pytest.raises(InputError,
-                       match=r'false_alarms: 0\.7; expected a number above 0'):
-        watch_of(model, sound, false_alarms=0.7)
+    with pytest.raises(InputError, match=r'smallest: -1\.0; expected a finite number'):
+        ModelWatch(model, sound, smallest=-1.0)
+    with pytest.raises(InputError, match='reference: none; expected a recording'):
+        ModelWatch(model, [])
     with pytest.raises(InputError, match='recording: 20 rows; expected at least 160'):
         watch_of(model, sound.rows(slice(0, 20)))
     without_efforts = replace(sound, tau=np.zeros_like(sound.tau))
@@ -322,17 +259,48 @@ def another_day(model, rng):
     return replace(model, bodies=tuple(bodies))
 
 
-def test_sound_pairs_of_different_days_have_no_alarm_and_a_payload_has_one():
+def with_sliding(model, number, factor):
+    """Return the model with more friction of one joint."""
+    bodies = []
+    for k, body in enumerate(model.bodies):
+        scale = factor if k == number else 1.0
+        joint = body.joint
+        bodies.append(replace(body, joint=replace(
+            joint, damping=scale * joint.damping, friction=scale * joint.friction)))
+    return replace(model, bodies=tuple(bodies))
+
+
+def pair(first, second, seed):
+    """Return the alarms of one arm in a motion, after another arm in another motion."""
+    sound = measured(first, seed, motion_seed=seed)
+    watch = ModelWatch(with_losses(load_urdf(URDF)), sound)
+    return watch.report(measured(second, seed + 1, motion_seed=seed + 1)).alarms
+
+
+@pytest.mark.parametrize('pairs', [8, pytest.param(80, marks=pytest.mark.slow)])
+def test_sound_pairs_of_different_days_and_motions_have_an_alarm_in_one_of_forty(pairs):
     model = with_losses(load_urdf(URDF))
-    days = [another_day(model, np.random.default_rng(seed)) for seed in range(5)]
-    recordings = [measured(day, seed, motion_seed=seed)
-                  for seed, day in enumerate(days)]
-    for first, second in pairwise(recordings):
-        assert ModelWatch(model, first).report(second).alarms == ()
-    tool = Inertial(6.0, (0.0, 0.0, 0.1), 0.01 * np.eye(3))
-    loaded = with_payload(days[4], 'tool0', tool)
-    report = ModelWatch(model, recordings[0]).report(measured(loaded, 9, motion_seed=4))
-    assert 'payload' in {alarm.cause for alarm in report.alarms}
+    alarms = 0
+    for k in range(pairs):
+        rng = np.random.default_rng(100 + k)
+        alarms += bool(pair(another_day(model, rng), another_day(model, rng), 2 * k))
+    assert alarms <= pairs // 40
+
+
+@pytest.mark.parametrize('pairs', [6, pytest.param(24, marks=pytest.mark.slow)])
+def test_half_more_friction_and_a_kilogram_of_payload_are_named_in_other_motions(pairs):
+    model = with_losses(load_urdf(URDF))
+    kilogram = Inertial(1.0, (0.0, 0.0, 0.1), 0.005 * np.eye(3))
+    load = with_payload(model, 'tool0', kilogram)
+    named = []
+    for k in range(pairs):
+        worn = with_sliding(model, k % model.n, 1.5)
+        for arm, cause, of in ((worn, 'friction', model.joint_names[k % model.n]),
+                               (load, 'payload', model.bodies[-1].name)):
+            first = pair(model, arm, 2 * k)[:1]
+            causes = [(alarm.cause, alarm.joint) for alarm in first]
+            named.append(causes == [(cause, of)])
+    assert np.mean(named) >= 0.9
 
 
 def test_several_references_state_by_how_much_a_sound_arm_changes():

@@ -12,6 +12,7 @@ pytest.importorskip('kane_dynamics_interfaces')
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402, I100
 from kane_dynamics import Inertial, InputError, load_urdf, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.identification.model_watch import SMALLEST  # noqa: E402
 from kane_dynamics.ros.monitor_node.model_watch_monitor import (  # noqa: E402
     ModelWatchMonitor)
 from kane_dynamics.ros.monitor_node.torque_samples import TorqueSample  # noqa: E402
@@ -79,6 +80,10 @@ class Rig:
         self.time += round((t[-1] + 1.0) * NANO)
 
 
+def test_the_usual_smallest_change_of_the_node_is_that_of_the_library():
+    assert monitor_values({})['watch.smallest'] == SMALLEST
+
+
 def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(reference):
     rig = Rig(reference)
     rig.observe(rig.robot, duration=10.1)
@@ -87,7 +92,7 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert rig.monitor.figures()['model watch'] == 'no change'
     assert [status.level for status in rig.published[0].status] == [
         DiagnosticStatus.OK] * 2
-    rig.observe(Robot(arm(12.0)))
+    rig.observe(Robot(arm(1.5)))
     elbow = rig.robot.joint_names[1]
     assert rig.monitor.alarm.startswith(f"joint '{elbow}': friction up, +")
     assert rig.monitor.alarm in rig.monitor.figures()['model watch']
@@ -96,7 +101,7 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
     assert (status.name, status.level) == (elbow, DiagnosticStatus.WARN)
     values = {pair.key: pair.value for pair in status.values}
     assert values['cause'] == 'friction'
-    assert float(values['size']) == pytest.approx(11.0,
+    assert float(values['size']) == pytest.approx(0.5,
                                                   abs=3.0 * float(values['deviation']))
     # An arm that is sound again is so after a window.
     rig.observe(rig.robot, 2, 20.0)
@@ -107,13 +112,13 @@ def test_a_sound_arm_has_no_alarm_and_more_friction_is_named_with_its_joint(refe
 
 def test_a_payload_that_the_node_does_not_know_is_an_alarm_and_a_known_one_is_none(
         reference):
-    carried = Inertial(4.0, [0.0, 0.0, 0.1], 1e-2 * np.eye(3))
+    carried = Inertial(1.0, [0.0, 0.0, 0.1], 1e-2 * np.eye(3))
     robot = Robot(arm(), payload_frame=LINK)
     rig = Rig(reference, robot)
     loaded = Robot(arm(), payload_frame=LINK)
     loaded.parameters.payload = carried
     rig.observe(loaded)
-    assert f"body '{LINK}': +4" in rig.monitor.alarm
+    assert f"body '{LINK}': +1" in rig.monitor.alarm
     robot.parameters.payload = carried
     rig.monitor.on_loads_changed()
     rig.observe(loaded)
