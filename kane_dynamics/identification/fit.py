@@ -19,6 +19,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         CandidateErrors, chosen_weight,
                                                         COLUMNS, COULOMB, Coupled,
+                                                        COUPLED_SPEED, CoupledMotor,
                                                         first_within_noise, fit_law,
                                                         friction_shapes,
                                                         FrictionLaw, law_equations,
@@ -35,9 +36,10 @@ from kane_dynamics.identification.regression import (FRICTION, LOWEST, rms, rows
                                                      triangle, UNBOUNDED)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import statistics
+from kane_dynamics.mechanics.constraints import Coupling
 from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.model.elastic_model import require_rigid_joints
-from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.model.model import Body, Inertial, Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -71,8 +73,8 @@ class Identification:
         Law of friction of all joints, of `friction_laws.LAWS`.
     fit : LawFit
         All values of the fit, also those of coupled motors.
-    coupled : tuple of (str, str, float)
-        Two joints of each coupled motor, and the sign of the second one.
+    coupled : tuple of CoupledMotor
+        Motors that turn with two joints.
     suspected : tuple of (str, str, float)
         Two joints whose errors a coupled motor would explain, and the share of these.
     presliding : (n,) array
@@ -116,7 +118,7 @@ class Identification:
     friction_only: bool
     law: str
     fit: LawFit
-    coupled: tuple[tuple[str, str, float], ...]
+    coupled: tuple[CoupledMotor, ...]
     suspected: tuple[tuple[str, str, float], ...]
     presliding: Array
     candidates: dict[str, CandidateErrors]
@@ -135,7 +137,7 @@ class Identification:
     @lazy_property
     def model(self) -> Model:
         """
-        Return the identified model, without coupled motors.
+        Return the identified model, without coupled motors, which `robot` has.
 
         Raises
         ------
@@ -146,6 +148,31 @@ class Identification:
         """
         return identified(self.given, self.unknowns, self.friction_speed, self.fit,
                           inertials=not self.friction_only)
+
+    @lazy_property
+    def robot(self) -> Robot:
+        """
+        Return the robot of the identified model with its coupled motors.
+
+        Each coupled motor is a joint of a massless body, whose position is the sum or the
+        difference of two others (`Coupling`); the speeds are those of the arm's joints.
+        """
+        if not self.coupled:
+            return Robot(self.model)
+        bodies = list(self.model.bodies)
+        names = self.model.joint_names
+        constraints = []
+        for k, motor in enumerate(self.coupled):
+            rotor = Joint(motor.name, 'revolute', np.array([0.0, 0.0, 1.0]),
+                          coordinate=len(names) + k, damping=motor.damping,
+                          friction=motor.friction, friction_speed=COUPLED_SPEED,
+                          armature=motor.inertia)
+            bodies.append(Body(f'{motor.name}_rotor', WORLD, rotor))
+            ratios = dict(zip(motor.joints, (1.0, motor.sign), strict=True))
+            constraints.append(Coupling(motor.name, ratios, name=motor.name))
+        model = replace(self.model, bodies=tuple(bodies), coordinate_names=(
+            *names, *(motor.name for motor in self.coupled)))
+        return Robot(model, constraints=constraints, independent=names, actuated=names)
 
     def torque(self, recording: Recording) -> Array:
         """
@@ -183,7 +210,10 @@ class Identification:
 
     def _rows(self, recording: Recording) -> LawRows:
         """Return the rows of a recording with the coupled motors of the fit."""
-        return law_rows(rows(self.given, recording), _coupled_joints(self.given, self.coupled))
+        place = self.given.joint_names.index
+        coupled = [Coupled(place(motor.joints[0]), place(motor.joints[1]), motor.sign)
+                   for motor in self.coupled]
+        return law_rows(rows(self.given, recording), coupled)
 
     @property
     def losses(self) -> Array:
@@ -354,13 +384,6 @@ def _checked_pairs(model: Model, coupled: Sequence[tuple[str, str]]) -> list[Cou
     return pairs
 
 
-def _coupled_joints(model: Model, coupled: Sequence[tuple[str, str, float]]
-                    ) -> list[Coupled]:
-    """Return coupled joints by number."""
-    place = model.joint_names.index
-    return [Coupled(place(first), place(second), sign) for first, second, sign in coupled]
-
-
 def _rows_of_efforts(model: Model, recording: Recording, standstill: float,
                      without_effort: Sequence[str]) -> LawRows:
     """Return the rows; joints without efforts count as at rest in all of them."""
@@ -468,7 +491,8 @@ def _identification(data: LawRows, fit: LawFit, prior: Prior) -> Identification:
     deviations, inertial_deviations, covariance, condition = statistics(
         A, model, unknowns, speeds, prior.weight, COLUMNS)
     names = model.joint_names
-    coupled = tuple((names[a], names[b], sign) for a, b, sign in data.coupled)
+    coupled = tuple(CoupledMotor((names[a], names[b]), sign, *values) for (a, b, sign), values
+                    in zip(data.coupled, fit.couplings.tolist(), strict=True))
     travel = fit.shapes[:, 0] if fit.law.presliding else np.zeros(model.n)
     nothing = np.zeros(model.n)
     return Identification(

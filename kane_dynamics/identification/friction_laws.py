@@ -87,6 +87,33 @@ class Coupled(NamedTuple):
     sign: float
 
 
+class CoupledMotor(NamedTuple):
+    """
+    An identified motor that turns with two joints.
+
+    Attributes
+    ----------
+    joints : (str, str)
+        It turns with the first joint plus `sign` times the second one.
+    sign : float
+        1 or -1.
+    damping, friction, inertia : float
+        N m s/rad, N m, kg m^2.
+
+    """
+
+    joints: tuple[str, str]
+    sign: float
+    damping: float
+    friction: float
+    inertia: float
+
+    @property
+    def name(self) -> str:
+        """Return the name of its joint in a written model."""
+        return f'{self.joints[0]}_{self.joints[1]}_motor'
+
+
 @dataclass(frozen=True, eq=False)
 class LawFit:
     """

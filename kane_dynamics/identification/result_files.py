@@ -1,11 +1,13 @@
 """Write identified models: a URDF, and a supplement for properties that URDF lacks."""
 
+from collections.abc import Sequence
 import os
 from pathlib import Path
 from typing import Any
 import warnings
 
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.identification.friction_laws import COUPLED_SPEED, CoupledMotor
 from kane_dynamics.model.model import FRICTION, Inertial, Joint, Model, WORLD
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.rewritten_urdf import rewritten
@@ -20,9 +22,10 @@ OF_SOME = ('fast_damping', 'damping_speed', 'friction_backward', 'breakaway_fric
            'presliding_damping')  # written if not the default
 
 
-def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, str]:
+def written(source: str | bytes | os.PathLike[str], model: Model,
+            motors: Sequence[CoupledMotor] = ()) -> tuple[str, str, str]:
     """
-    Return the texts of a URDF and of its supplement that describe a model.
+    Return the texts of a URDF, of its supplement and constraints that describe a model.
 
     `load_urdf(urdf, supplement=supplement, ...)` with the arguments of the first load
     returns a model with the same dynamics. The first link of a moving body gets its
@@ -42,6 +45,10 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
         The URDF that the model came from.
     model : Model
         Model to write.
+    motors : sequence of CoupledMotor
+        Each is written as a joint of a link without mass, whose position is the sum or the
+        difference of those of two joints by a constraint; without any, the text of the
+        constraints is empty.
 
     Raises
     ------
@@ -61,7 +68,32 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
         losses[joint.name] = joint.damping, joint.friction
         joints[joint.name] = _passive(joint)
     urdf = rewritten(source, inertials, riders, losses)
-    return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
+    if not motors:
+        return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False), ''
+    end = urdf.rindex('</robot>')
+    elements = []
+    constraints = {}
+    for motor in motors:
+        elements.append(_motor_elements(motor, model.base_name))
+        joints[motor.name] = {'armature': motor.inertia, 'friction_speed': COUPLED_SPEED}
+        ratios = dict(zip(motor.joints, (1.0, motor.sign), strict=True))
+        constraints[motor.name] = {'coupling': {'joint': motor.name, 'ratios': ratios}}
+    names = list(model.joint_names)
+    options = {'constraints': constraints, 'independent': names, 'actuated': names}
+    return (urdf[:end] + ''.join(elements) + urdf[end:],
+            yaml.safe_dump({'joints': joints}, sort_keys=False),
+            yaml.safe_dump(options, sort_keys=False))
+
+
+def _motor_elements(motor: CoupledMotor, base: str) -> str:
+    """Return the XML of a motor that turns with two joints: a joint of a massless link."""
+    return (f'  <link name="{motor.name}_rotor">\n    <inertial>\n      <mass value="0"/>\n'
+            '      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>\n'
+            f'    </inertial>\n  </link>\n  <joint name="{motor.name}" type="continuous">\n'
+            f'    <parent link="{base}"/>\n    <child link="{motor.name}_rotor"/>\n'
+            '    <axis xyz="0 0 1"/>\n'
+            f'    <dynamics damping="{motor.damping!r}" friction="{motor.friction!r}"/>\n'
+            '  </joint>\n')
 
 
 def written_links(source: str | bytes | os.PathLike[str], model: Model,

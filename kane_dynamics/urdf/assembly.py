@@ -37,7 +37,7 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
     placements, moving = _placements(selection)
     links = [name for name in placements if name in tree.links]
     riders = _riders(tree, selection, supplement, placements, len(moving), notices)
-    _note_masses(tree, moving, riders, notices)
+    _note_masses(tree, moving, riders, supplement, notices)
     _note_locked(selection, notices)
     _note_payload(supplement, moving, notices)
     _note_rest(supplement, moving, notices)
@@ -198,7 +198,7 @@ def _check_inertia(link: str, inertial: Inertial, notices: Notices) -> None:
 
 
 def _note_masses(tree: UrdfTree, moving: Moving, riders: list[list[Inertial]],
-                 notices: Notices) -> None:
+                 supplement: Supplement, notices: Notices) -> None:
     """Note moving links without <inertial> and moving bodies without mass."""
     for (single, _), inertials in zip(moving, riders):
         link = single.child
@@ -206,7 +206,10 @@ def _note_masses(tree: UrdfTree, moving: Moving, riders: list[list[Inertial]],
             continue  # intermediate body of an expanded joint: massless by design
         if tree.links[link] is None:
             notices.no_inertial.append(link)
-        elif not any(inertial.mass > 0.0 for inertial in inertials):
+            continue
+        # A link that is a rotor has the inertia of its joint.
+        has_rotor = supplement.joints.get(single.name, {}).get('armature', 0.0) > 0.0
+        if not has_rotor and not any(inertial.mass > 0.0 for inertial in inertials):
             notices.massless.append(link)
 
 

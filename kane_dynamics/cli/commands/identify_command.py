@@ -25,7 +25,7 @@ from kane_dynamics.identification.drives.identify_drives import (DriveIdentifica
                                                                  identify_drives)
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
-from kane_dynamics.identification.friction_laws import COULOMB, phases
+from kane_dynamics.identification.friction_laws import COULOMB, CoupledMotor, phases
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
 from kane_dynamics.identification.payload.recorded_motion import (recorded_joints,
                                                                   recorded_motion)
@@ -228,10 +228,7 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
                           progress=progress)
     files: Sequence[str] = ()
     if options.out:
-        files = write_model(source_of(options), result.model, options.out)
-        if result.coupled:
-            warn('coupled motors are no part of the written URDF, which has no words for them; '
-                 'Identification.torque has them')
+        files = write_model(source_of(options), result.model, options.out, result.coupled)
     data = {**model_data(result, recording), 'files': list(files)}
     before = Robot(model).inverse_dynamics(recording.q, recording.u, recording.udot)
     border = None
@@ -250,12 +247,7 @@ def _test(options: Namespace, model: Model) -> Recording | None:
 
 def _coupled_data(result: Identification) -> list[dict[str, Any]]:
     """Return the coupled motors as plain data."""
-    data = []
-    for (first, second, sign), values in zip(result.coupled, result.fit.couplings, strict=True):
-        names = ('damping', 'friction', 'inertia')
-        data.append({'joints': [first, second], 'sign': sign,
-                     **dict(zip(names, values.tolist(), strict=True))})
-    return data
+    return [{**motor._asdict(), 'joints': list(motor.joints)} for motor in result.coupled]
 
 
 def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
@@ -389,16 +381,24 @@ def _print_friction(data: dict[str, Any]) -> None:
               'Inertials or torques of these joints are wrong; no model can be written.')
 
 
-def write_model(source: str | bytes, model: Model, out: str) -> tuple[str, str]:
-    """Write <out>.urdf and <out>.supplement.yaml; return their names."""
-    urdf, supplement = written(source, model)
+def write_model(source: str | bytes, model: Model, out: str,
+                motors: Sequence[CoupledMotor] = ()) -> list[str]:
+    """
+    Write <out>.urdf and <out>.supplement.yaml; return their names.
+
+    With coupled motors there is also <out>.constraints.yaml.
+    """
+    texts = dict(zip(('urdf', 'supplement.yaml', 'constraints.yaml'),
+                     written(source, model, motors), strict=True))
     stem = out.removesuffix('.urdf')
     if not Path(stem).name:
         raise InputError(f"--out: '{out}'; expected the name of a URDF to write")
-    paths = f'{stem}.urdf', f'{stem}.supplement.yaml'
-    for path, text in zip(paths, (urdf, supplement), strict=True):
-        with whole_file(path) as stream:
-            stream.write(text)
+    paths = []
+    for ending, text in texts.items():
+        if text:
+            paths.append(f'{stem}.{ending}')
+            with whole_file(paths[-1]) as stream:
+                stream.write(text)
     return paths
 
 

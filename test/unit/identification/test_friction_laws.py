@@ -11,10 +11,13 @@ from kane_dynamics.identification.friction_laws import (
     LENGTHS, period, phases, Prior)
 from kane_dynamics.identification.presliding import dahl_friction, first_rows
 from kane_dynamics.identification.regression import rows, SPEEDS
+from kane_dynamics.identification.result_files import written
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 import numpy as np
 import pytest
 from recordings import exciting
+import yaml
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'two_link.urdf'
 LOSSES = {'damping': 1.5, 'friction': 2.0, 'friction_speed': 0.03, 'armature': 0.1}
@@ -349,12 +352,36 @@ def test_a_coupled_wrist_is_suspected_and_found_when_it_is_named(sign):
     assert [pair[:2] for pair in plain.suspected] == [('joint1', 'joint2')]
     named = identify(model, recording, friction='coulomb', diagnosed=True,
                      coupled=[('joint1', 'joint2')])
-    assert named.coupled == (('joint1', 'joint2', sign),) and named.suspected == ()
-    np.testing.assert_allclose(named.fit.couplings[0, :2], [1.2, 2.5], rtol=0.1)
+    motor, = named.coupled
+    assert (motor.joints, motor.sign) == (('joint1', 'joint2'), sign)
+    assert named.suspected == ()
+    np.testing.assert_allclose([motor.damping, motor.friction], [1.2, 2.5], rtol=0.1)
     assert (named.held_out < 1.1 * NOISE).all()
     assert (plain.held_out > 3.0 * named.held_out).all()
     error = recording.tau - named.torque(recording)
     np.testing.assert_allclose(np.sqrt(np.mean(error**2, axis=0)), named.fitted)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_the_written_model_has_the_coupled_motors_of_the_fit(sign, tmp_path):
+    recording = coupled_wrist(sign)
+    named = identify(load_urdf(URDF), recording, friction='coulomb', diagnosed=True,
+                     coupled=[('joint1', 'joint2')])
+    urdf, supplement, constraints = written(URDF, named.model, named.coupled)
+    (tmp_path / 'a.urdf').write_text(urdf)
+    loaded = load_urdf(tmp_path / 'a.urdf', supplement=yaml.safe_load(supplement))
+    options = load_constraints(yaml.safe_load(constraints))
+    q = recording.q
+    motor = q @ [1.0, sign]
+    for robot in (named.robot, Robot(loaded, **options)):
+        order = list(map([*named.given.joint_names, named.coupled[0].name].index,
+                         robot.coordinate_names))
+        of_all = np.column_stack([q, motor])[:, order]
+        torque = robot.inverse_dynamics(of_all, recording.u, recording.udot)
+        np.testing.assert_allclose(torque, named.torque(recording), atol=1e-9)
+        # Forward dynamics has the rotor that couples both joints.
+        udot = robot.forward_dynamics(of_all, recording.u, torque)
+        np.testing.assert_allclose(udot, recording.udot, atol=1e-8)
 
 
 def test_joints_without_a_coupled_motor_are_not_suspected():

@@ -116,7 +116,7 @@ def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_pa
         assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
     for joint in identified.model.coordinate_joints:
         assert min(joint.damping, joint.friction, joint.armature) >= 0.0
-    urdf, supplement = written(URDF, identified.model)
+    urdf, supplement, _ = written(URDF, identified.model)
     path = tmp_path / 'arm.supplement.yaml'
     path.write_text(supplement)
     again = load_urdf(urdf, supplement=path)
@@ -137,9 +137,9 @@ def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
         factor * inertial.pseudo_inertia))
     if share is None:
         with pytest.warns(ModelWarning, match='behind locked joints: heavier'):
-            urdf, _ = written(hand, scaled_model)
+            urdf, _, _ = written(hand, scaled_model)
     else:
-        urdf, _ = written(hand, scaled_model)
+        urdf, _, _ = written(hand, scaled_model)
     _, *state = exciting(2, 7, duration=0.2)
     tau = Robot(scaled_model, friction=False).inverse_dynamics(*state)
     again = Robot(load_urdf(urdf, joints=chosen), friction=False).inverse_dynamics(
