@@ -55,6 +55,7 @@ LONGEST_DELAY = 0.05  # s, but two rows at least
 MOST_DELAYS = 20  # that are tried, either way
 SMALLEST = 0.42  # with one reference; friction of sound arms differs by less
 BEYOND = 1.5  # times the largest change between references
+LEAST = 0.1  # of what is uncertain of a joint: no smaller change matters by default
 UNEXPLAINED = 3.0  # times the residual of the reference
 RATE_SPAN = 0.02  # s, of means of speeds and accelerations
 ALL_JOINTS = 'all joints'
@@ -152,7 +153,7 @@ class ModelWatch:
     smallest : float, optional
         Smallest torque of a change that is an alarm, relative to what is uncertain of a
         joint: its friction, and the residual of the references. Default: 1.5 times the
-        largest change between references; 0.42 with one.
+        largest change between references, at least 0.1; 0.42 with one.
 
     Raises
     ------
@@ -188,7 +189,7 @@ class ModelWatch:
         else:
             shares = [alarm.share for recording in references
                       for alarm in self.report(recording).alarms]
-            self._smallest = BEYOND * max(shares, default=0.0)
+            self._smallest = max(BEYOND * max(shares, default=0.0), LEAST)
 
     @property
     def smallest(self) -> float:
@@ -313,7 +314,7 @@ class _Motion:
         """Return friction, offset and torque constant of each joint."""
         causes = []
         for j, name in enumerate(self._robot.joint_names):
-            columns = {'friction': self._friction[:, j], 'offset': 1.0,
+            columns = {'friction': self._friction[:, j], 'offset': np.ones(len(self.moving)),
                        'torque constant': self._torque[:, j]}
             for cause, column in columns.items():
                 directions = np.zeros((*self._torque.shape, 1))

@@ -98,7 +98,9 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     # is solved.
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
-        x = _nearest(R, len(prior), lowest, weight)
+        x = _nearest(R, len(prior), lowest)
+    if x is None:
+        x = _constrained(R, len(prior), lowest, weight)
     for k, change in enumerate(changes):
         start[10 * k:10 * k + 10] += change @ x[10 * k:10 * k + 10]
     return np.concatenate([start, np.maximum(x[size:], lowest)])
@@ -126,13 +128,13 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     return x if solution.success and smallest >= SMALLEST else None
 
 
-def _nearest(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
+def _nearest(R: Array, bodies: int, lowest: Array) -> Array | None:
     """
     Return the minimum by semidefinite programming in units of its own deviations.
 
     With the minimum x0 without constraints, the cost of x = x0 + R_x^-1 w is |w|^2 and a
     constant: the program is of size 1 in every direction, however much data and prior
-    differ in weight. `weight`, that of the prior in R, is named in the error.
+    differ in weight. None where the solver does not find it, as where x0 is far away.
     """
     clarabel = scientific('clarabel')
     sparse = scientific('scipy.sparse')
@@ -162,15 +164,51 @@ def _nearest(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
     above = np.concatenate([x0[bounded] - bounds[bounded], x0[:size] + identity])
     cones = [clarabel.NonnegativeConeT(int(bounded.sum())),
              *[clarabel.PSDTriangleConeT(4)] * bodies]
-    w, status = _minimum(sparse.eye(count, format='csc'), sparse.csc_matrix(-by_w), above,
-                         cones)
+    w, _ = _minimum(sparse.eye(count, format='csc'), sparse.csc_matrix(-by_w), above, cones)
     if w is None:
-        raise InputError(
-            f'weight: {weight:.3g} of the prior, with which the search for physical '
-            f"parameters ends with the solver's status {status}; expected a larger weight")
+        return None
     x = np.empty(count)
     x[order] = x0 + root @ w
     return x
+
+
+def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
+    """
+    Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
+
+    `weight`, that of the prior in R, is named in the error. The variables are Z, the
+    losses and the residual r = R x - z; s = b - A x lies in the cones. The basis of Z is
+    that of semidefinite matrices in Clarabel.
+    """
+    clarabel = scientific('clarabel')
+    sparse = scientific('scipy.sparse')
+    rows = len(R)
+    count = R.shape[1] - 1
+    size = 10 * bodies
+    # Columns and right side of unit size, for the solver's tolerances.
+    R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
+    scale = np.ones(count)
+    scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
+    by_x = R[:, :-1] / scale
+    bounded = size + np.flatnonzero(np.isfinite(lowest))
+    # Minimise |y|^2 / 2 with the equations y = R x - r, bounds of losses, and a positive
+    # semidefinite pseudo-inertia of each body.
+    A = sparse.bmat([[by_x, -sparse.eye(rows)],
+                     [-sparse.eye(count, format='csr')[bounded], None],
+                     [-sparse.eye(size, count), None]], format='csc')
+    # SMALLEST of the prior's size is the least eigenvalue.
+    identity = np.array([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC])
+    above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
+                          format='csc')
+    x, status = _minimum(P, A, above, cones)
+    if x is None:
+        raise InputError(
+            f'weight: {weight:.3g} of the prior, with which the search for physical '
+            f"parameters ends with the solver's status {status}; expected a larger weight")
+    return np.asarray(x[:count]) / scale
 
 
 def _minimum(P: Any, A: Any, above: Array, cones: Sequence[Any]
