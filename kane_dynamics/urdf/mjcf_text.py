@@ -43,9 +43,9 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
         Naming the joints with terms of friction that MuJoCo lacks.
 
     """
-    names = [body.joint.name for body in model.bodies]
-    if model.flexible or model.balls or model.drives or len(set(
-            body.joint.coordinate for body in model.bodies)) < len(names):
+    coordinates = {body.joint.coordinate for body in model.bodies}
+    has_mimics = len(coordinates) < len(model.bodies)
+    if model.flexible or model.balls or model.drives or has_mimics:
         raise InputError('model: with beams, ball, mimic or elastic joints; expected a tree '
                          'of rigid bodies with a joint of one coordinate each')
     lacking = [body.joint.name for body in model.bodies if _has_other_friction(body.joint)]
