@@ -195,8 +195,8 @@ def _identify(sub: ArgumentParser) -> None:
                      help='with --drives: how late the positions of the links are after '
                           'those of the motors, s; default: identified')
     sub.add_argument('-o', '--out', metavar='FILE',
-                     help='write the identified model: a URDF; with --payload or --drives '
-                          'a supplement')
+                     help='write the identified model: a URDF, or MJCF with the ending .xml; '
+                          'with --payload or --drives a supplement')
     sub.add_argument('--report', metavar='FILE',
                      help='write what is printed, with the picture of --plot, as Markdown')
     add_plot(sub, 'measured torques, those of the identified model and of the given one')

@@ -324,7 +324,7 @@ class _Motion:
 
 
 class _LinearCause:
-    """A possible change of a joint or body, whose torque is `directions`, (N, n, k), times its sizes."""
+    """A possible change, whose torque is `directions`, (N, n, k), times its sizes."""
 
     def __init__(self, name: str, joint: str, directions: Array) -> None:
         self.name, self.joint = name, joint

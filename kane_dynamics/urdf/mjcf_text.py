@@ -27,7 +27,8 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
     Parameters
     ----------
     model : Model
-        Tree of rigid bodies with a joint of one coordinate each.
+        Tree of rigid bodies with a joint of one coordinate each. Mimic joints become
+        equality constraints, which MuJoCo satisfies nearly.
     tendons : sequence of (str, dict, dict)
         Names, coefficients by joint, and attributes, of fixed tendons: motors that turn with
         several joints.
@@ -35,7 +36,7 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
     Raises
     ------
     InputError
-        The model has mimic or ball joints, beams, or elastic joints.
+        The model has ball joints, beams, or elastic joints.
 
     Warns
     -----
@@ -43,10 +44,8 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
         Naming the joints with terms of friction that MuJoCo lacks.
 
     """
-    coordinates = {body.joint.coordinate for body in model.bodies}
-    has_mimics = len(coordinates) < len(model.bodies)
-    if model.flexible or model.balls or model.drives or has_mimics:
-        raise InputError('model: with beams, ball, mimic or elastic joints; expected a tree '
+    if model.flexible or model.balls or model.drives:
+        raise InputError('model: with beams, ball joints or elastic joints; expected a tree '
                          'of rigid bodies with a joint of one coordinate each')
     lacking = [body.joint.name for body in model.bodies if _has_other_friction(body.joint)]
     if lacking:
@@ -63,6 +62,15 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
         ElementTree.SubElement(elements[frame.body], 'site', name=frame.name,
                                pos=_numbers(frame.translation),
                                xyaxes=_numbers(frame.rotation[:, :2].T.ravel()))
+    mimics = [body.joint for body in model.bodies
+              if body.joint.name not in model.coordinate_names]
+    if mimics:
+        equalities = ElementTree.SubElement(root, 'equality')
+    for joint in mimics:
+        ElementTree.SubElement(
+            equalities, 'joint', joint1=joint.name,
+            joint2=model.coordinate_names[joint.coordinate],
+            polycoef=_numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0]))
     if tendons:
         of_motors = ElementTree.SubElement(root, 'tendon')
     for name, coefficients, attributes in tendons:

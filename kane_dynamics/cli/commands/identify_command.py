@@ -40,6 +40,7 @@ from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model, with_payload
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf.mjcf_text import mjcf_text
 import numpy as np
 
 AXES = 'xyz'
@@ -384,10 +385,19 @@ def _print_friction(data: dict[str, Any]) -> None:
 def write_model(source: str | bytes, model: Model, out: str,
                 motors: Sequence[CoupledMotor] = ()) -> list[str]:
     """
-    Write <out>.urdf and <out>.supplement.yaml; return their names.
+    Write <out>.urdf and <out>.supplement.yaml, or an MJCF file; return their names.
 
-    With coupled motors there is also <out>.constraints.yaml.
+    With coupled motors there is also <out>.constraints.yaml; in MJCF they are tendons.
     """
+    if out.endswith('.xml'):
+        tendons = []
+        for motor in motors:
+            tendons.append((motor.name, dict(zip(motor.joints, (1.0, motor.sign))),
+                            {'damping': motor.damping, 'frictionloss': motor.friction,
+                             'armature': motor.inertia}))
+        with whole_file(out) as stream:
+            stream.write(mjcf_text(model, tendons))
+        return [out]
     texts = dict(zip(('urdf', 'supplement.yaml', 'constraints.yaml'),
                      written(source, model, motors), strict=True))
     stem = out.removesuffix('.urdf')

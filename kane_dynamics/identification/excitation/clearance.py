@@ -2,8 +2,9 @@
 Collision avoidance for exciting motions: heights above a floor, distances between links.
 
 Links have the simple shapes of the URDF: boxes, cylinders and spheres. They count as the
-capsules around them: the points within a radius of the segment along the longest side. Pairs of bodies that a joint connects are
-left out, and pairs of shapes whose capsules touch at rest.
+capsules around them: the points within a radius of the segment along the longest side.
+Pairs of bodies that a joint connects are left out, and pairs of shapes whose capsules touch
+at rest.
 
 The distance of two capsules is that of their segments less the radii (Ericson, Real-Time
 Collision Detection (2005), section 5.1.9). Its slope is that of the two closest points,

@@ -10,10 +10,9 @@ import clarabel
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
                            Robot)
 from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
-                                          identify, read_recording,
-                                          Recording, rows)
+                                          identify, physical_consistency,
+                                          read_recording, Recording, rows)
 from kane_dynamics.identification.base_regressor import true_unknowns
-from kane_dynamics.identification import physical_consistency
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.regression import (
     bounded, friction_columns, full_regressor, LOWEST)
