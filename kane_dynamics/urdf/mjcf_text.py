@@ -75,9 +75,9 @@ def mjcf_text(model: Model, tendons: Sequence[tuple[str, dict[str, float],
         of_motors = ElementTree.SubElement(root, 'tendon')
     for name, coefficients, attributes in tendons:
         texts = {key: repr(float(value)) for key, value in attributes.items()}
-        tendon = ElementTree.SubElement(of_motors, 'fixed', name=name, **texts)
-        for joint, coefficient in coefficients.items():
-            ElementTree.SubElement(tendon, 'joint', joint=joint, coef=repr(coefficient))
+        tendon = ElementTree.SubElement(of_motors, 'fixed', {'name': name, **texts})
+        for of_joint, coefficient in coefficients.items():
+            ElementTree.SubElement(tendon, 'joint', joint=of_joint, coef=repr(coefficient))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode') + '\n'
 
