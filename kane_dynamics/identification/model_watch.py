@@ -371,7 +371,7 @@ class _Delay:
         self._tried = distance * np.arange(-count, count + 1)
 
     def torque(self, size: Array) -> Array:
-        """Return what a delay adds to the measured torques, (N, n)."""
+        """Return the change of the measured torques by a delay, (N, n)."""
         recording = self._recording
         late = np.zeros_like(recording.tau)
         for j, tau in enumerate(recording.tau.T):

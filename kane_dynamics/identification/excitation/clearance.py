@@ -261,7 +261,7 @@ class Clearance:
 def clearance_of(model: Model, shapes: Sequence[LinkShape] | None, floor: float | None,
                  distance: float | None) -> Clearance | None:
     """
-    Return what keeps links above a floor and apart; None without a floor and shapes.
+    Return the clearance of links above a floor and apart; None without floor and shapes.
 
     Without shapes links are rods, which are kept above a floor, not apart.
     """
