@@ -28,8 +28,7 @@ from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FUTURE, NANO, N
                                                        OFF_BRANCH, OUT_OF_ORDER, REFUSED,
                                                        STALE, WAITING)
 from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,
-                                                         state_memory_size, StateMemory,
-                                                         with_absent_speeds)
+                                                         state_memory_size, StateMemory)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
                                                    flag, packed)
@@ -536,13 +535,15 @@ def _after_stall(path: PathState, now: Scalar) -> PathState:
 
 # Who commands.
 
-def permit(path: PathState, event: Event, state: Vector) -> PathState:
+def permit(path: PathState, event: Event, state: Vector,
+           decide: Callable[[Arbitration, Scalar], Arbitration] = before_command
+           ) -> PathState:
     """
     Decide whether the node may command at a state that was judged.
 
     An accepted state waits for the answer of torque_guard, if the node has to ask.
     """
-    decided = before_command(Arbitration(*path.arbitration), event.steady)
+    decided = decide(Arbitration(*path.arbitration), event.steady)
     asked = _decided(path, decided)
     accepted = flag(path.reason < 0.5)
     waits = accepted * (1.0 - decided.permitted)
@@ -550,6 +551,11 @@ def permit(path: PathState, event: Event, state: Vector) -> PathState:
     # Only refused states of an arm that is commanded lead to a command.
     refused = flag(path.reason > NOT_FINITE - 0.5) * path.commanding
     return branch(either(accepted, 1.0, refused), asked, path)
+
+
+def as_stated(known: Arbitration, steady: Scalar) -> Arbitration:
+    """Return the state of a process whose caller has decided whether it may command."""
+    return known._replace(sends=0.0)
 
 
 def confirm(path: PathState, event: Event, state: Vector) -> PathState:
@@ -628,15 +634,6 @@ def judge(path: PathState, event: Event, state: Vector, settings: CycleSettings,
     return branch(in_time, heard, path._replace(reason=reason))
 
 
-def with_speeds(path: PathState, event: Event, state: Vector, settings: CycleSettings,
-                turning: Flags) -> Vector:
-    """Return a state with derived speeds in place of those that are NaN, as in `judge`."""
-    count = len(path.states.accepted)
-    filled, _ = with_absent_speeds(path.states, moment_of(event), state[:count],
-                                   _check_settings(path, settings, turning))
-    return np.concatenate([filled, state[count:]])
-
-
 def _check_settings(path: PathState, settings: CycleSettings, turning: Flags
                     ) -> CheckSettings:
     """Return the settings by which a state is judged."""
@@ -703,6 +700,13 @@ def answer(robot: Robot, law: TracedLaw, path: PathState, event: Event, state: V
         # The first torque alone says that they are not determined.
         reason = either(finite(torque[1:]), float(REFUSED), reason)
     return branch(finite(torque), commanded, path._replace(reason=reason))
+
+
+def answer_given(path: PathState, event: Event, state: Vector, row: Vector,
+                 torque: Vector, settings: CycleSettings) -> PathState:
+    """Command a torque that Python has computed, as `answer`."""
+    commanded = answered(path, event, state, torque, settings)
+    return branch(finite(torque), commanded, path._replace(reason=float(NO_TORQUE)))
 
 
 def answered(path: PathState, event: Event, state: Vector, torque: Vector,
@@ -827,6 +831,17 @@ def refuse(stop: StopRules, path: PathState, event: Event, settings: CycleSettin
     return branch(flag(reason > NOT_FINITE - 0.5), refused, path)
 
 
+def refuse_given(path: PathState, event: Event, settings: CycleSettings, begin: Vector,
+                 loops: StopRules | None) -> PathState:
+    """Command what follows a refused state, as `refuse`; a stop begins where it is given."""
+    return refuse(GivenStop(begin, loops), path, event, settings, np.zeros(0))
+
+
+def hold_given(path: PathState, torque: Vector, settings: CycleSettings) -> PathState:
+    """Command the torque of a stop that Python has computed."""
+    return torques_within_limits(path, torque, settings)
+
+
 def _given_up(path: PathState, stop: StopRules, settings: CycleSettings,
               parameters: Vector) -> PathState:
     """Return the path when states are refused for longer than the grace."""
@@ -896,15 +911,18 @@ class GivenStop:
     ----------
     begin : (2 n,) array
         Positions and rates of the joints that are measured, at the begin of the stop.
+    loops : StopRules, optional
+        Those of closed loops, which may lose their assembly mode.
 
     """
 
-    def __init__(self, begin: Vector) -> None:
+    def __init__(self, begin: Vector, loops: StopRules | None = None) -> None:
         self._begin = begin
+        self._loops = loops
 
     def given_up(self, path: PathState) -> PathState:
-        """Return the same path."""
-        return path
+        """Return the path whose closed loops are lost, if they may be."""
+        return path if self._loops is None else self._loops.given_up(path)
 
     def reached(self, path: PathState, elapsed: Scalar, parameters: Vector) -> Vector:
         """Return the positions and rates at the begin of the stop."""

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+import hashlib
 from inspect import signature
+import re
 from types import CodeType, FunctionType
 from typing import Any
 
@@ -186,3 +188,20 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
         raise InputError(f'{name}: the function returns shape {program.shape}; expected '
                          f'{shape}')
     return program
+
+
+def identifier(*words: str | Sequence[str]) -> str:
+    """
+    Return a C identifier of these words, which other words do not have.
+
+    Kernels of one robot differ in their names. Names of frames lose characters
+    in an identifier, so that a digest of all words follows them.
+    """
+    parts: list[str] = []
+    for word in words:
+        if isinstance(word, str):
+            parts.append(word)
+        else:
+            parts.extend(word)
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
+    return re.sub('[^A-Za-z0-9]', '_', '_'.join([*parts, digest]))

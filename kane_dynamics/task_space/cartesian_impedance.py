@@ -41,6 +41,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.effort_limits import clamped, plus_scaled, within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  FrameMobility, FrameTask, in_axes,
@@ -50,7 +51,7 @@ from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_
                                                          slowdown)
 from kane_dynamics.task_space.joint_walls import JointWalls, STOPS, WALL
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
-                                                 identifier, LanesOf, Law, law_kernel,
+                                                 LanesOf, Law, law_kernel,
                                                  PoseLaw, Settings, StateAt)
 from kane_dynamics.task_space.modal_damping import inverse_root_times, RATIO
 from kane_dynamics.task_space.pose_checks import pose_margin, require_pose

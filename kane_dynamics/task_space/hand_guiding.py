@@ -37,11 +37,11 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unle
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.frame_task import inverse_mass
 from kane_dynamics.task_space.joint_speed_limits import brake_torques, UNSTATED
 from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls, STOPS, WALL
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier,
-                                                 lanes_of_scalars, LanesOf, Law,
+from kane_dynamics.task_space.law_kernel import (checked_effort, lanes_of_scalars, LanesOf, Law,
                                                  law_kernel, RunTimeSettings, Settings)
 from kane_dynamics.task_space.reference_dynamics import (rated_friction,
                                                          resisting_force)

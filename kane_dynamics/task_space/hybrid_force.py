@@ -31,11 +31,12 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           impedance_forces)
 from kane_dynamics.task_space.frame_task import checked_directions, FrameTask, in_axes
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
+from kane_dynamics.task_space.law_kernel import (LanesOf, Law, law_kernel,
                                                  Settings)
 from kane_dynamics.task_space.pose_checks import pose_margin
 from kane_dynamics.task_space.reference_motion import TargetMotion

@@ -26,8 +26,9 @@ from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.frame_task import inverse_mass
-from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, LanesOf, Law,
+from kane_dynamics.task_space.law_kernel import (checked_terms, LanesOf, Law,
                                                  law_kernel, RunTimeSettings, Settings,
                                                  StateAt)
 from kane_dynamics.task_space.modal_damping import joint_damping, RATIO

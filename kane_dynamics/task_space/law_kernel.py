@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-import hashlib
 import math
-import re
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -318,20 +316,3 @@ def lanes_of_single_states(scalar: Scalar) -> Any:
 def lanes_of_scalars(scalar: Scalar) -> Any:
     """Return the functions of lanes for any scalar."""
     return Lanes
-
-
-def identifier(*words: str | Sequence[str]) -> str:
-    """
-    Return a C identifier of these words, which other words do not have.
-
-    Kernels of one robot differ in their names. Names of frames lose characters
-    in an identifier, so that a digest of all words follows them.
-    """
-    parts: list[str] = []
-    for word in words:
-        if isinstance(word, str):
-            parts.append(word)
-        else:
-            parts.extend(word)
-    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
-    return re.sub('[^A-Za-z0-9]', '_', '_'.join([*parts, digest]))

@@ -28,12 +28,13 @@ from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.effort_limits import within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
                                                  in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls, WALL
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf,
+from kane_dynamics.task_space.law_kernel import (checked_effort, LanesOf,
                                                  Law, law_kernel, PoseLaw, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
 from kane_dynamics.task_space.pose_checks import pose_margin

@@ -24,10 +24,11 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
                                                  in_axes, singular_mass as checked_mass,
                                                  TaskInertia)
-from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
+from kane_dynamics.task_space.law_kernel import (LanesOf, Law, law_kernel,
                                                  Settings)
 import numpy as np
 from numpy.typing import ArrayLike

@@ -9,7 +9,6 @@ import time
 from kane_dynamics.ros.dynamics_node import node
 from kane_dynamics.ros.dynamics_node.main import main
 from kane_dynamics.ros.torque_path.native_loop import function_address
-from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
 from std_msgs.msg import String
 
 PUBLISH = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
@@ -56,16 +55,8 @@ class DelayedNode(node.DynamicsNode):
 
 def refuse_commands(path):
     """Refuse the next command of a torque path, as the middleware can."""
-    if isinstance(path, NativeTorquePath):
-        path.refuses = PUBLISH(lambda publisher, message, allocation: 1)
-        path.native.set_fields(publish=function_address(path.refuses))
-        return
-    publish = path.messages.publish
-
-    def refused(*arguments):
-        path.messages.publish = publish
-        raise RuntimeError('refused')
-    path.messages.publish = refused
+    path.refuses = PUBLISH(lambda publisher, message, allocation: 1)
+    path.native.set_fields(publish=function_address(path.refuses))
 
 
 class Faulty:

@@ -1,10 +1,9 @@
 """
-A native torque path without a thread, and the interpreter's beside it.
+Torque paths without a thread: with compiled laws, and with laws that Python evaluates.
 
 The clock is manual, and the publishers are in Python.
 """
 
-import ctypes
 import math
 import time
 from typing import NamedTuple
@@ -12,8 +11,7 @@ from unittest.mock import patch
 
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.native_loop import function_address
-from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
+from kane_dynamics.ros.torque_path.python_rules import controller_rules
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from node_values import node_values
 import numpy as np
@@ -21,20 +19,9 @@ import numpy as np
 NANO = 10**9
 EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
 
-STEADY = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_int64))
-
-
-def native_path(controller, commands, torques, now, *arguments, **named):
-    """Return a native torque path that runs in the calling thread."""
-    path = NativeTorquePath(controller, commands, torques, now, *arguments, **named)
-
-    def steady(kind, seconds):
-        """Write seconds and nanoseconds of the steady clock, which tests may replace."""
-        seconds[0], seconds[1] = divmod(round(time.perf_counter() * 1e9), 10**9)
-        return 0
-    path.steady = STEADY(steady)  # alive as long as the path
-    path.native.set_fields(steady=function_address(path.steady))
-    return path
+def python_path(*arguments, **named):
+    """Return a path with the laws of the controller, which Python evaluates."""
+    return TorquePath(*arguments, rules=controller_rules, **named)
 
 
 class Sink:
@@ -103,7 +90,7 @@ class BothPaths:
             {'mode': mode, 'state_check.grace': 0.02,
              'state_timeout': 0.1, 'state_check.action': action, **values})
         self.sides = [self.side(make, mode, **settings)
-                      for make in (TorquePath, native_path)]
+                      for make in (python_path, TorquePath)]
         for side in self.sides:
             side.path.start()
 

@@ -67,10 +67,9 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader
                                                               commanded_joints)
 from kane_dynamics.ros.torque_path.executors import ThreadExecutor
 from kane_dynamics.ros.torque_path.native_loop import compile_loop
-from kane_dynamics.ros.torque_path.native_path import NativeTorquePath, python_reason
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.state_check import speed_limits
-from kane_dynamics.ros.torque_path.torque_path import TorquePath
+from kane_dynamics.ros.torque_path.torque_path import python_reason, TorquePath
 from kane_dynamics.simulation.step_size import possible_integrators
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
@@ -246,10 +245,9 @@ class ConfiguredRobot:
         robots = [self.robot]
         if controller.bending is not None:
             robots.append(controller.bending.robot)
-        jobs: list[Callable[[], object]] = []
-        if not self._untraced:
-            jobs.append(compile_loop)  # its rules are compiled with the path
-        elif not self.fault:
+        # The rules of the loop are compiled with the path.
+        jobs: list[Callable[[], object]] = [compile_loop]
+        if self._untraced and not self.fault:
             jobs += [self.modes.compile, controller.compile]
         jobs += [partial(compile_verified, robot) for robot in robots]
         run_concurrently(jobs)
@@ -257,8 +255,7 @@ class ConfiguredRobot:
 
     def _answer_kernels(self, locks: bool) -> None:
         """Compile what other modes need, and requests that are answered at once."""
-        if isinstance(self.path, NativeTorquePath):
-            self.path.compile(other_modes=True)
+        self.path.compile(other_modes=True)
         self.modes.compile_descriptions()
         robots = [self._for_requests]
         if self._bending_for_requests is not None:
@@ -336,8 +333,7 @@ class ConfiguredRobot:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
                                    len(self.path.messages.joints))
             self.path.use_guard(self.guard)
-        if isinstance(self.path, NativeTorquePath):
-            self.path.compile()
+        self.path.compile()
         # Gravity of a mobile base comes from its IMU.
         self.path.set_loads(self.loads)
         self._distribute()
@@ -391,13 +387,11 @@ class ConfiguredRobot:
                    arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
         """Open the torque path and its subscription, as parameter torque_path says."""
         node = self._node
-        # The native path where possible; otherwise the interpreter's, with the reason, unless
-        # the native one is asked for.
-        kind = TorquePath if self._untraced else NativeTorquePath
-        path = kind(controller, self._commands, torques, *arguments)
+        # In a thread where possible; otherwise in callbacks, with the reason, unless the
+        # thread is asked for.
+        path = TorquePath(controller, self._commands, torques, *arguments)
         reason = self._needs_interpreter
         if not reason:
-            assert isinstance(path, NativeTorquePath)
             try:
                 states = self._open_thread(path, torques, opened, arguments[STAMPED])
                 self.torque_path = 'native'
@@ -424,7 +418,7 @@ class ConfiguredRobot:
             return 'torque_path: python'
         return self._untraced or 'qos_overrides' * self._qos_is_overridden
 
-    def _open_thread(self, path: NativeTorquePath, torques: Publisher, opened: ExitStack,
+    def _open_thread(self, path: TorquePath, torques: Publisher, opened: ExitStack,
                      stamped: Publisher | None) -> Any:
         """
         Let a thread run the loop of a path; return the subscription of its states.

@@ -88,6 +88,7 @@ class ConfiguredGuard:
         with ExitStack() as opened:
             self._open(node, torques, controller, values, warn, report, opened)
             self._opened = opened.pop_all()
+        self.path.compile()
         self.path.start()
 
     def _open(self, node: Node, torques: NodeTorques, controller: Any,

@@ -4,7 +4,7 @@ from collections import deque
 
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.torque_path.cycle_observer import ObservedCycle
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +33,7 @@ class StateRecord:
 
     stop = on_loads_changed = start
 
-    def on_cycle(self, cycle: Cycle) -> None:
+    def on_cycle(self, cycle: ObservedCycle) -> None:
         """Keep a state of the motion."""
         if cycle.motion is self.motion:
             state = cycle.state

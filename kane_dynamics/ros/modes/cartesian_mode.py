@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.modes.cartesian_cycle import (CartesianCycle, memory_size,
                                                      ORDERS_SIZE, target_of,
@@ -27,7 +28,7 @@ from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           null_space_spring,
                                                           posture_place, wall_slopes)
 from kane_dynamics.task_space.joint_speed_limits import LONGEST_PERIOD
-from kane_dynamics.task_space.law_kernel import (identifier, lanes_of_single_states,
+from kane_dynamics.task_space.law_kernel import (lanes_of_single_states,
                                                  LanesOf, Law, law_kernel, settings_of)
 from kane_dynamics.task_space.pose_filter import LIMITS
 from kane_dynamics.task_space.sampled_spring import JointSpring, spring_of_joints

@@ -10,8 +10,8 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot_function import identifier
 from kane_dynamics.ros.modes.pose_functions import displacement
-from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 
 REACHED = 1e-4  # m and rad: what may remain

@@ -16,7 +16,7 @@ from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.parameters.task_settings import (controlled_frame,
                                                         friction_beyond_model)
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.torque_path.cycle_observer import ObservedCycle
 import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
@@ -172,7 +172,7 @@ class ContactMonitor:
         """Adapt the observer to new gravity and payload, without a jump."""
         self._observer.refresh()
 
-    def on_cycle(self, cycle: Cycle) -> None:
+    def on_cycle(self, cycle: ObservedCycle) -> None:
         """Update the estimate with one state and its command; publish what is due."""
         state = cycle.state
         applied = self._applied_torque.torque(state, cycle.tau, cycle.external)

@@ -13,7 +13,7 @@ from kane_dynamics.ros.common.conversion import Array, as_wrench
 from kane_dynamics.ros.modes.live_law import LiveLaw
 from kane_dynamics.ros.modes.task_description import TaskSnapshot
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle
+from kane_dynamics.ros.torque_path.cycle_observer import ObservedCycle
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -81,7 +81,7 @@ class TaskStateTopic:
     def on_loads_changed(self) -> None:
         """Do nothing: the laws read gravity and payload at each call."""
 
-    def on_cycle(self, cycle: Cycle) -> None:
+    def on_cycle(self, cycle: ObservedCycle) -> None:
         """Keep a state, if one is asked for."""
         law = self._laws.get(self._controller.mode)
         if law is None or not self._asked:

@@ -9,7 +9,7 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 
 
-class Cycle(NamedTuple):
+class ObservedCycle(NamedTuple):
     """
     One joint state and the command computed from it.
 
@@ -47,7 +47,7 @@ class CycleObserver(Protocol):
     def start(self) -> None:
         """Reset, because the torque path starts."""
 
-    def on_cycle(self, cycle: Cycle) -> None:
+    def on_cycle(self, cycle: ObservedCycle) -> None:
         """Process one state and its command."""
 
     def on_loads_changed(self) -> None:

@@ -2,21 +2,21 @@
 
 from collections.abc import Callable, Sequence
 import ctypes
+import time
 from typing import Any
 
 from kane_dynamics.ros.common.cdr import float64_multi_array
-from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.qos import THREAD_STATES
 from kane_dynamics.ros.common.rcl_functions import handle_address, RclLoop
-from kane_dynamics.ros.torque_path.native_loop import function_address, NativeLoop
+from kane_dynamics.ros.torque_path.native_loop import function_address, NativeLoop, REFUSED
 from sensor_msgs.msg import JointState
 
 CLOCK = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int64))
+STEADY = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_int64))
 PUBLISH = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
                             ctypes.c_void_p)
-# Stand for the handles of publishers in Python.
-COMMANDS, TORQUES, STAMPED, REQUESTS = range(1, 5)
-REFUSED = 1  # the code of a publication that raises
+TORQUES, REQUESTS = 1, 2  # stand for the handles of publishers in Python
 
 
 class CallbackExecutor:
@@ -28,47 +28,46 @@ class CallbackExecutor:
     loop : NativeLoop
     now : callable
         Returns the clock, ns.
-    commands, torques, stamped : Publisher
-        As for `TorquePath`.
-
-    Attributes
-    ----------
-    error : Exception or None
-        With which a publisher refused a message.
+    send : callable
+        Publishes the torques of the loop's memory.
 
     """
 
     hears_time = False
 
-    def __init__(self, loop: NativeLoop, now: Callable[[], int], commands: Any,
-                 torques: Any, stamped: Any) -> None:
-        self.error: Exception | None = None
+    def __init__(self, loop: NativeLoop, now: Callable[[], int],
+                 send: Callable[[], None]) -> None:
         self._loop = loop
         self._heard = float64_multi_array(len(loop.heard))
-        self._outputs = {COMMANDS: (commands, loop.command),
-                         TORQUES: (torques, loop.torques),
-                         STAMPED: (stamped, loop.stamped)}
+        self._requests: Any = None
 
-        def read_clock(handle: int, time: Any) -> int:
-            time[0] = now()
+        def read_clock(handle: int, nanoseconds: Any) -> int:
+            nanoseconds[0] = now()
+            return 0
+
+        def read_steady(kind: int, seconds: Any) -> int:
+            seconds[0], seconds[1] = divmod(round(time.perf_counter() * NANO), NANO)
             return 0
 
         def publish(publisher: int, message: int, heap: int) -> int:
-            to, prepared = self._outputs[publisher]
             try:
-                to.publish(prepared.serialized())
+                if publisher == TORQUES:
+                    send()
+                else:
+                    self._requests.publish(loop.request.serialized())
             except Exception as error:  # which ends the path, as in a thread
-                self.error = error
+                loop.fail(error)
                 return REFUSED
             return 0
-        self._functions = CLOCK(read_clock), PUBLISH(publish)  # alive as long as the loop
-        clock, publish_function = map(function_address, self._functions)
-        loop.set_fields(clock=clock, publish=publish_function)
-        loop.publish_to(COMMANDS, TORQUES, None if stamped is None else STAMPED)
+        # Alive as long as the loop
+        self._functions = CLOCK(read_clock), STEADY(read_steady), PUBLISH(publish)
+        clock, steady, publish_function = map(function_address, self._functions)
+        loop.set_fields(clock=clock, steady=steady, publish=publish_function)
+        loop.publish_to(0, TORQUES)
 
     def ask(self, requests: Any) -> None:
         """Publish requests to torque_guard by a publisher."""
-        self._outputs[REQUESTS] = requests, self._loop.request
+        self._requests = requests
         self._loop.ask(REQUESTS)
 
     def waiting_states(self) -> list[bytes]:
@@ -76,8 +75,7 @@ class CallbackExecutor:
         return []
 
     def start(self) -> str:
-        """Forget the error of an earlier run; return no warning."""
-        self.error = None
+        """Do nothing, and return no warning: the loop runs in callbacks."""
         return ''
 
     def stop(self) -> None:
@@ -123,8 +121,6 @@ class ThreadExecutor:
         This rclpy or rcl is another one than expected.
 
     """
-
-    error: Exception | None = None
 
     def __init__(self, loop: NativeLoop, node: Any, states: Any, guard: Any, clock: Any,
                  wake: Any, publishers: Sequence[Any]) -> None:

@@ -1,6 +1,6 @@
 """The memory and the thread of the native torque path."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import ctypes
 from functools import partial
 import os
@@ -8,14 +8,12 @@ import signal
 from typing import Any, NamedTuple
 from weakref import finalize
 
-from kane_dynamics._util.typing import Flags
-from kane_dynamics.control.terms import Mode, Terms
-from kane_dynamics.control.traced_laws import TracedLaw
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.control_cycle import cycle_rules
 from kane_dynamics.control_cycle.arbitration import FIELDS
-from kane_dynamics.control_cycle.cycle_rules import (CycleSettings, ModelStop, PathShape,
-                                                     PathState, StopRules)
-from kane_dynamics.control_cycle.loop_rules import LoopRules
+from kane_dynamics.control_cycle.cycle import Cycle, OF_GUARD, PathMemory, REASON
+from kane_dynamics.control_cycle.cycle_results import NO_TORQUE
+from kane_dynamics.control_cycle.cycle_rules import CycleSettings, PathState
 from kane_dynamics.mechanics.algebra.flags import packed
 from kane_dynamics.motion.motion import Motion, segment_table
 from kane_dynamics.native.runtime import message_loop
@@ -23,8 +21,6 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.message_loop import (Block, Event, INFORMATION_SIZE,
                                                        Layout, MotionTable, Output, Plan,
                                                        Rule, Slot)
-from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
                                           joint_state_of_efforts, PreparedMessage,
                                           STAMP_AT)
@@ -32,137 +28,16 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.common.rcl_functions import message_of, RclLoop
 from kane_dynamics.ros.common.realtime import named_threads
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateLayout
-from kane_dynamics.ros.torque_path.path_memory import inputs_of, PathMemory, rule_kernel
-from kane_dynamics.ros.torque_path.state_check import turning_joints
-from kane_dynamics.task_space.law_kernel import identifier
 import numpy as np
 from numpy.typing import NDArray
 
 SLOTS = 1024  # cycles that Python may lag behind
 LARGEST = 8192  # bytes of a message
 NAME = 'torque_path'  # of the thread
-OF_ROBOT = ('refuse', 'hold')  # programs with its dynamics, beside answers
-OF_GUARD = ('permit', 'confirm', 'hear')  # only with torque_guard
-
-
-class CycleKernels:
-    """
-    The rules of `cycle_rules` as kernels, and those of `loop_rules` for closed loops.
-
-    Parameters
-    ----------
-    robot : Robot
-    terms : Terms
-        Terms of the command.
-    laws : mapping of Mode to TracedLaw
-    loops : LoopRules, optional
-        With closed loops.
-    commanded : sequence of int, optional
-        The joints with actuators. Default: all.
-
-    Attributes
-    ----------
-    shape : PathShape
-    by_name : dict of str to Kernel
-        Each moves the state of the path; the keys are those of a plan. Kernels compile
-        at their first use, or by `compile`.
-    inputs : dict of str to list of str
-        The arrays that each of them reads, by name.
-    answers, aims : dict of Mode to Kernel
-        The command of each mode; where its law needs it, the begin of the search for the
-        desired configuration.
-    further : array of int
-        With closed loops: the joints that need not be measured.
-
-    """
-
-    def __init__(self, robot: Robot, terms: Terms, laws: Mapping[Mode, TracedLaw],
-                 loops: LoopRules | None = None,
-                 commanded: Sequence[int] | None = None) -> None:
-        self._robot = robot
-        if commanded is None:
-            commanded = range(robot.n_q)
-        most_settings = max(law.settings for law in laws.values())
-        most_memory = max(law.memory for law in laws.values())
-        self.shape = PathShape(
-            robot.n, len(commanded), robot.n_q,
-            len(robot.equations.wrench_frames), most_settings, most_memory,
-            loops.size if loops else 0)
-
-        measured: Sequence[int] = range(robot.n_q)
-        if loops is not None:
-            measured = loops.joints.followed
-        # Joints beside those that follow, whose measured positions are compared.
-        further = sorted(set(range(robot.n_q)) - set(measured))
-        self.further = np.array(further, dtype=np.int64)
-
-        # Names distinguish kernels, so that terms, sizes and joints are part of them.
-        words = [terms.label]
-        words += map(str, self.shape)
-        if len(commanded) < robot.n_q:
-            words += map(str, commanded)
-        if loops is not None:
-            words += map(str, measured)
-        self._label = '_'.join(words)
-
-        # A kernel for each rule of the cycle; answers and aims depend on the mode.
-        self.inputs: dict[str, list[str]] = {}
-        self.by_name: dict[str, Kernel] = {}
-        self.answers: dict[Mode, Kernel] = {}
-        self.aims: dict[Mode, Kernel] = {}
-        turning = turning_joints(robot, [robot.joint_names[k] for k in measured])
-        self._make_rules(turning, loops or ModelStop(robot, terms, tuple(commanded)))
-        for mode, law in laws.items():
-            # A law of another frame or other axes must not be found in the cache.
-            self.answers[mode] = self._kernel(
-                'answer', partial(cycle_rules.answer, robot, law, loops=loops),
-                identifier(f'_{mode}', *law.variant))
-        if loops is not None:
-            self._make_of_loops(loops, laws)
-
-    def _make_rules(self, turning: Flags, stop: StopRules) -> None:
-        """Make the rules of every arm; some of its joints turn without limits."""
-        self.by_name['judge'] = self._kernel(
-            'judge', partial(cycle_rules.judge, turning=turning),
-            '_' + ''.join(map(str, turning.astype(int))))
-        self._make('elapse', cycle_rules.elapse)
-        self._make('permit', cycle_rules.permit)
-        self._make('confirm', cycle_rules.confirm)
-        self._make('hear', cycle_rules.hear)
-        self._make('refuse', partial(cycle_rules.refuse, stop))
-
-    def _make_of_loops(self, loops: LoopRules, laws: Mapping[Mode, TracedLaw]) -> None:
-        """Make what arms with closed loops need in addition."""
-        # Closing the loops takes several cycles of the search: at a state, and along a
-        # motion.
-        self._make('close', loops.close)
-        self._make('closing', loops.go_on_closing)
-        self._make('aiming', loops.go_on_aiming)
-        self._make('hold', loops.hold)
-        for mode, law in laws.items():
-            if law.closes:
-                aim = partial(loops.aim, law=law)
-                self.aims[mode] = self._kernel('aim', aim, f'_{mode}')
-
-    def compile(self, modes: Collection[Mode], with_guard: bool) -> None:  # noqa: A003
-        """Compile the commands of some modes, and the rules, on all processors."""
-        # Programs of the robot are the longest: first, so that they do not end last.
-        rules = sorted(self.by_name, key=lambda name: name not in OF_ROBOT)
-        kernels = [self.answers[mode] for mode in modes]
-        kernels += [self.aims[mode] for mode in modes if mode in self.aims]
-        kernels += [self.by_name[name] for name in rules
-                    if with_guard or name not in OF_GUARD]
-        run_concurrently([kernel.compile for kernel in kernels])
-
-    def _make(self, name: str, rule: Callable[..., PathState]) -> None:
-        """Make the kernel of a rule by its name."""
-        self.by_name[name] = self._kernel(name, rule)
-
-    def _kernel(self, name: str, rule: Callable[..., PathState], variant: str = ''
-                ) -> Kernel:
-        """Make the kernel of a rule."""
-        self.inputs[name] = inputs_of(rule)
-        return rule_kernel(self._robot, self.shape, name, rule, self._label + variant)
+REFUSED = 1  # the code of what Python raised
+RULE = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)
+# A rule that Python evaluates around its kernel, which it calls.
+PythonRule = Callable[[Callable[[], object]], None]
 
 
 class CyclePlan:
@@ -197,6 +72,7 @@ class CyclePlan:
         shape = kernels.shape
         self._shape = shape
         self._further = kernels.further
+        self.settings = settings
         self._kept: list[Any] = [kernels]
         numbers = packed(settings)
         block = parameters.copy()
@@ -210,24 +86,27 @@ class CyclePlan:
                     motion=self._motion(current), next_motion=self._motion(following),
                     rest=self._at(at_rest))
         called = dict(kernels.by_name)
-        called['answer'] = kernels.answers[mode]
+        if mode in kernels.answers:
+            called['answer'] = kernels.answers[mode]
         if mode in kernels.aims:
             called['aim'] = kernels.aims[mode]
         # Kernels of the guard are called only where there is one.
         if longest is None:
             for name in OF_GUARD:
-                del called[name]
+                if name not in loop.python_rules:
+                    del called[name]
         else:
             plan.longest = longest
 
         # A kernel is called with a table of the addresses of its arguments and result.
         arrays = {'path': loop.path, 'event': loop.event, 'state': loop.state,
-                  'row': at_rest, 'numbers': loop.heard, 'settings': numbers}
+                  'row': at_rest, 'numbers': loop.heard, 'settings': numbers,
+                  'torque': loop.torque, 'begin': loop.stop_begin}
         for name, kernel in called.items():
             addresses = [self._at(arrays[key]) for key in kernels.inputs[name]]
             addresses += [self._at(block), self._at(loop.result)]
             table = self._at(np.array(addresses, dtype=np.int64))
-            setattr(plan, name, Rule(kernel.address, table))
+            setattr(plan, name, Rule(loop.function(name, kernel), table))
         self.address = self._kept_at(plan)
 
     def _at(self, array: NDArray[Any]) -> int:
@@ -318,13 +197,27 @@ class NativeLoop:
 
     Parameters
     ----------
-    kernels : CycleKernels
+    kernels : Cycle
     joints : sequence of str
         The commanded joints.
+    python_rules : mapping of str to PythonRule, optional
+        The rules of a plan that Python evaluates; the loop runs in callbacks then.
+
+    Attributes
+    ----------
+    memory, next : PathMemory
+        The state of the path in the cycle of now, and the result of the last rule.
+    event, state : arrays
+        Times of the cycle, and the measured state.
+    torque, stop_begin : arrays
+        What Python gives to the kernels of its rules.
+    error : Exception or None
+        What Python has raised in a cycle since the start.
 
     """
 
-    def __init__(self, kernels: CycleKernels, joints: Sequence[str]) -> None:
+    def __init__(self, kernels: Cycle, joints: Sequence[str],
+                 python_rules: Mapping[str, PythonRule] | None = None) -> None:
         shape = kernels.shape
         self.kernels = kernels
         self.shape = shape
@@ -334,12 +227,18 @@ class NativeLoop:
         self.block = Block()
 
         # What the rules read and write.
-        self._records = PathMemory(shape)
-        self.path = self._records.array
-        self.result = np.zeros(len(self.path))
+        self.memory = PathMemory(shape)
+        self.path = self.memory.array
+        self.next = PathMemory(shape)  # the result of a rule
+        self.result = self.next.array
         self.event = np.zeros(len(Event._fields_))
         self.state = np.zeros(shape.state)
         self.heard = np.zeros(FIELDS + shape.commanded)  # the last message of torque_guard
+        self.torque = np.zeros(shape.commanded)
+        self.stop_begin = np.zeros(2 * shape.n)
+        self.python_rules = dict(python_rules or {})
+        self.error: Exception | None = None
+        self._callbacks: dict[str, Any] = {}  # of the rules of Python, and their kernels
 
         # What the thread publishes.
         self.command = float64_multi_array(shape.commanded)
@@ -362,6 +261,40 @@ class NativeLoop:
         self._describe_memory()
         self.publish_to(0, 0)
 
+    def function(self, name: str, kernel: Kernel) -> Any:
+        """Return the address of a rule's function: its kernel, or Python around it."""
+        rule = self.python_rules.get(name)
+        if rule is None:
+            return kernel.address
+        if name not in self._callbacks:
+            compute = RULE(int(kernel.address))
+            self._callbacks[name] = RULE(partial(self._evaluate, rule, compute)), compute
+        return function_address(self._callbacks[name][0])
+
+    def _evaluate(self, rule: PythonRule, compute: Callable[[int], object], table: int
+                  ) -> None:
+        """Evaluate a rule in Python; what it raises ends the path after the cycle."""
+        try:
+            rule(partial(compute, table))
+        except Exception as error:
+            self.fail(error)
+            self.keep(NO_TORQUE)
+
+    def fail(self, error: Exception) -> None:
+        """Note what Python raised in a cycle, as a message that was refused."""
+        self.error = error
+        self.block.refused = REFUSED
+
+    def keep(self, reason: int) -> None:
+        """Let the state of the path be as it was, with a reason to refuse the state."""
+        self.result[:] = self.path
+        self.result[REASON] = reason
+
+    @property
+    def plan(self) -> CyclePlan:
+        """Return the latest plan."""
+        return self._plans[-1]
+
     @property
     def address(self) -> int:
         """Return the address of the block."""
@@ -382,8 +315,7 @@ class NativeLoop:
         self.set_fields(guard_length=from_guard.bytes.size,
                         guard_at=from_guard.bytes.size - from_guard.numbers.nbytes,
                         guard_numbers=self.heard.ctypes.data, guard_count=len(self.heard))
-        self.set_fields(steady=function_address(self._library.clock_gettime),
-                        rest_for=function_address(self._library.usleep))
+        self.set_fields(rest_for=function_address(self._library.usleep))
         for inputs, information in zip(
                 (self.block.states, self.block.clock_messages, self.block.guard_messages),
                 self._information):
@@ -428,6 +360,7 @@ class NativeLoop:
             if place is not None:
                 inputs.subscription = rcl.subscriptions[place]
                 inputs.taken = ctypes.addressof(rcl.taken[place])
+        self.set_fields(steady=function_address(self._library.clock_gettime))
         self.set_fields(wait_set=ctypes.addressof(rcl.wait_set), wake=rcl.guard,
                         clock_handle=rcl.clock,
                         clear=rcl.address('rcl_wait_set_clear'),
@@ -466,6 +399,7 @@ class NativeLoop:
         """Prepare a start at a time of the node's clock, ns."""
         self.path[:] = packed(path)
         self.event[:] = 0.0
+        self.error = None
         self._plans = []
         self.set_fields(epoch=epoch, stop=0, ended=0, head=0, tail=0, lost=0, replayed=0,
                         plan=0, in_use=0, kept_length=0, simulated_time=epoch, broken=0,
@@ -539,7 +473,7 @@ class NativeLoop:
         path = memory[begin:end].view(np.float64).copy()
         message = memory[end:end + slot.length].tobytes()
         return Report(slot.kind, slot.lost, slot.begin, slot.end, slot.sequence, slot.event,
-                      self._records.record(path), path, message)
+                      self.memory.record(path), path, message)
 
     def call(self, function: str, message: bytes = b'') -> None:
         """

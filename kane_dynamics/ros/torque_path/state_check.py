@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from kane_dynamics._util.typing import Flags
 from kane_dynamics.control.terms import Mode
+from kane_dynamics.control_cycle.cycle import turning_joints
 from kane_dynamics.control_cycle.cycle_results import NOT_FINITE, OUTSIDE, TOO_FAST
 from kane_dynamics.control_cycle.state_judgement import (state_fault, StateMemory,
                                                          UNLIMITED)
@@ -139,6 +139,7 @@ class StateCheck:
                                          float(limits.upper[place])))
         # Speeds, then distances from the last accepted state.
         if fault == TOO_FAST:
+            u = np.where(np.isnan(u), fastest, u)  # derived ones are within the limit
             j = int(np.argmax(np.abs(u) / fastest))
             return (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
                     f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
@@ -154,19 +155,6 @@ class StateCheck:
         return (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
                 f'{after.elapsed:.4f} s; expected at most {allowed[j]:.4g}, as '
                 'its speed limit, state_check.speed_factor, jitter and noise allow')
-
-
-def turning_joints(robot: Robot, joints: Sequence[str]) -> Flags:
-    """
-    Return which of n joints are continuous, (n,).
-
-    A driver may publish their angles between -pi and pi.
-    """
-    places = list(map(robot.coordinate_names.index, joints))
-    unlimited = np.isinf(robot.limits.lower[places]) & np.isinf(robot.limits.upper[places])
-    sliding = [name in robot.model.sliding for name in joints]
-    turning: Flags = unlimited & ~np.array(sliding, dtype=bool)
-    return turning
 
 
 def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:

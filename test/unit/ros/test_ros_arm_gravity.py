@@ -13,7 +13,7 @@ from kane_dynamics.ros.parameters.arm_statement import payload_remark  # noqa: E
 from kane_dynamics.ros.torque_path.path_controller import (path_controller,  # noqa: E402
                                                            path_settings)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import EPOCH, native_path, Side  # noqa: E402
+from native_rig import EPOCH, python_path, Side  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -36,7 +36,7 @@ def weight(gravity, payload):
     return robot.gravity_force(Q)
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('arm_gravity', [None, [0.0, 0.0, -9.81]])
 def test_an_arm_knows_each_new_gravity_unless_its_own_is_stated(make, arm_gravity):
     stated = STATED if arm_gravity is None else STATED | {'arm_gravity': arm_gravity}

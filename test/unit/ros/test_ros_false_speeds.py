@@ -25,7 +25,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.node_diagnostics import (  # noqa: E402
     active_status, OK, WARN)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from recordings import present, quiet, real  # noqa: E402
@@ -39,7 +39,7 @@ LIES = {'always zero': lambda q, u: (q, 0.0 * u, 0),
         'stuck': lambda q, u: (q, 0.0 * u + 500.0, 0)}
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('name', ['fr3', 'palletizer'])
 @pytest.mark.parametrize('lie', LIES)
 def test_an_arm_whose_speeds_lie_goes_on_along_its_motion(lie, name, make):
@@ -198,7 +198,7 @@ def test_states_of_a_recorded_arm_are_accepted_and_lies_are_found(recording, urd
         assert set(wrong) >= set(joints[:3])
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 def test_where_speeds_cannot_be_judged_the_diagnostics_say_so(make):
     limited = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
     free = limited.copy()
@@ -273,7 +273,7 @@ def test_a_position_that_is_nan_and_an_infinite_speed_are_no_state(place, value)
     assert judged(memory, 1e6, state, settings)[0] == NOT_FINITE
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 def test_an_arm_without_measured_speeds_follows_its_motion(make):
     run = Run('fr3', 'computed_torque', True, make=make, limited=True)
     rows = run.positions(lambda q, u: (q, np.nan * u, 0), first=0, count=LENGTH,

@@ -27,7 +27,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
     closed_loop_reader)
 from kane_dynamics.ros.torque_path.path_controller import rate_limit  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -171,7 +171,7 @@ def test_a_false_state_moves_the_arm_by_less_than_2_mrad(name, fault, mode, movi
     check_false_state(name, fault, mode, moving, SHORT)
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize(('name', 'joint'), [('fr3', 1), ('fr3', 5),
                                              ('palletizer', 'shoulder')])
 @pytest.mark.parametrize('speed', [0.3, -0.5, 1.0, -3.0])
@@ -184,7 +184,7 @@ def test_one_false_speed_below_its_limit_moves_the_arm_by_less_than_2_mrad(
     assert not run.statistics.dropped and not run.path.false_speeds
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize(('ahead', 'silent'), [
     pytest.param(95 * NANO // 1000, 0, id='95 ms ahead'),
     pytest.param(0, 20, id='after 40 ms')])

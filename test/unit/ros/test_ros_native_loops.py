@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, Motion  # noqa: E402, I100
 from kane_dynamics.control.traced_laws import MODES  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION  # noqa: E402
-from kane_dynamics.ros.torque_path import native_path  # noqa: E402
+from kane_dynamics.ros.torque_path import torque_path  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
     ClosedLoopReader)
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
@@ -136,7 +136,7 @@ def test_a_motion_begins_at_the_joints_that_follow(mode):
 @pytest.fixture
 def patient(monkeypatch):
     """Let a motion wait longer for a report than a busy machine delays its reader."""
-    monkeypatch.setattr(native_path, 'LONGEST_LAG', 5.0)
+    monkeypatch.setattr(torque_path, 'LONGEST_LAG', 5.0)
 
 
 def test_a_motion_after_the_first_command_waits_for_its_report(patient):
@@ -199,7 +199,7 @@ def test_states_without_time_between_them_are_of_a_fast_arm_if_they_differ(
 def test_limits_of_the_modes_are_named():
     controller = Controller(palletizer())
     loops = ClosedLoopReader(controller, node_values())
-    assert not native_path.python_reason(node_values(), controller, loops)
-    reason = native_path.python_reason(node_values({'modes': ['joint_impedance']}),
+    assert not torque_path.python_reason(node_values(), controller, loops)
+    reason = torque_path.python_reason(node_values({'modes': ['joint_impedance']}),
                                        controller, loops)
     assert reason == 'mode joint_impedance of an arm with closed loops'

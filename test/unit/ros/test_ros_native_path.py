@@ -20,6 +20,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.control_cycle import cycle_results, cycle_rules  # noqa: E402
+from kane_dynamics.control_cycle.cycle import turning_joints  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import (Block, CONSTANTS,  # noqa: E402
                                                        Event)
 from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # noqa: E402
@@ -32,8 +33,7 @@ from kane_dynamics.ros.modes.task_modes import (native_laws,  # noqa: E402
                                                 NATIVE_MODES, TaskModes)
 from kane_dynamics.ros.torque_path import native_loop  # noqa: E402
 from kane_dynamics.ros.torque_path.drop_reasons import LEARNED  # noqa: E402
-from kane_dynamics.ros.torque_path.native_path import python_reason  # noqa: E402
-from kane_dynamics.ros.torque_path.state_check import turning_joints  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import python_reason  # noqa: E402
 from native_rig import BothPaths, Choices, NANO, Side  # noqa: E402
 from node_values import node_values, update_laws  # noqa: E402
 

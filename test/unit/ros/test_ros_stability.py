@@ -21,7 +21,7 @@ from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot  # 
 from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_process import model as rigid_model  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -261,7 +261,7 @@ def test_modes_without_feedback_are_stable_at_any_rate():
         assert instability(controller, {}, mode, HOME, 10.0) == ''
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 def test_the_rate_before_the_start_is_that_of_the_arm_beside_a_gripper(make):
     values = node_values({'mode': 'computed_torque'})
     path = make(Controller(ROBOT, mode='computed_torque'), None, None, lambda: 0, values,

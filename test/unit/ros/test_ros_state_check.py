@@ -24,7 +24,7 @@ from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     JUMP, OUTSIDE, REASONS, STALE, TOO_FAST, UNEXPLAINED)
 from kane_dynamics.ros.torque_path.state_check import StateCheck  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import node_values  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -363,7 +363,7 @@ def test_a_stop_that_begins_at_the_time_of_one_before_a_jump_of_the_clock_is_ano
                                    atol=1e-12)
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('before', ['pause', 'stop of the process', 'jump of the clock'])
 def test_the_arm_is_not_held_by_the_model_where_nothing_says_where_it_is(
         before, make, monkeypatch):
@@ -446,7 +446,7 @@ def test_states_of_a_slow_publisher_may_be_far_apart():
         assert len(rig.state(q, u, after=9 * NANO // 100)) == 1
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 def test_after_a_pause_a_position_without_speeds_that_explain_it_needs_a_second_state(
         make):
     rig = Rig(make=make)

@@ -21,7 +21,7 @@ from kane_dynamics.ros.common.cdr import (PreparedMessage,  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import node_values, UNCHECKED  # noqa: E402
 
 NANO = 10**9
@@ -53,7 +53,7 @@ def guard_path(commands, clock):
     return path
 
 
-PATHS = {'interpreter': simple_path(TorquePath), 'native': simple_path(native_path),
+PATHS = {'interpreter': simple_path(python_path), 'native': simple_path(TorquePath),
          'guard': guard_path}
 
 

@@ -27,7 +27,7 @@ from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     MISSING, NO_CLOCK, STALE)
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from native_rig import native_path  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -312,7 +312,7 @@ def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
-@pytest.mark.parametrize('make', [TorquePath, native_path])
+@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('looks_first', [False, True])
 def test_a_path_that_was_stopped_drops_its_motion_and_goes_on_without_zeros(
         make, looks_first, monkeypatch):
