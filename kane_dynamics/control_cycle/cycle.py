@@ -254,13 +254,18 @@ class Cycle:
 
     def _make_rules(self, turning: Flags, is_told: bool) -> None:
         """Make the rules of every arm; some of its joints turn without limits."""
-        decide = {'decide': cycle_rules.as_stated} if is_told else {}
+        elapse: Callable[..., PathState]
+        permit: Callable[..., PathState]
+        elapse, permit = cycle_rules.elapse, cycle_rules.permit
         label = '_told' * is_told
+        if is_told:
+            elapse = partial(elapse, decide=cycle_rules.as_stated)
+            permit = partial(permit, decide=cycle_rules.as_stated)
         self.by_name['judge'] = self._kernel(
             'judge', partial(cycle_rules.judge, turning=turning),
             '_' + ''.join(map(str, turning.astype(int))))
-        for name, rule in (('elapse', cycle_rules.elapse), ('permit', cycle_rules.permit)):
-            self.by_name[name] = self._kernel(name, partial(rule, **decide), label)
+        self.by_name['elapse'] = self._kernel('elapse', elapse, label)
+        self.by_name['permit'] = self._kernel('permit', permit, label)
         self._make('confirm', cycle_rules.confirm)
         self._make('hear', cycle_rules.hear)
 

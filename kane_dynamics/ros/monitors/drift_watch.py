@@ -5,9 +5,10 @@ import math
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
+from kane_dynamics.control_cycle.cycle import turning_joints
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.state_check import turning_joints, WHOLE_TURN
+from kane_dynamics.ros.torque_path.state_check import WHOLE_TURN
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.clock import Clock, ClockType
 

@@ -86,7 +86,7 @@ class CyclePlan:
                     motion=self._motion(current), next_motion=self._motion(following),
                     rest=self._at(at_rest))
         called = dict(kernels.by_name)
-        if mode in kernels.answers:
+        if kernels.answers:
             called['answer'] = kernels.answers[mode]
         if mode in kernels.aims:
             called['aim'] = kernels.aims[mode]

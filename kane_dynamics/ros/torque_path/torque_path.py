@@ -115,7 +115,7 @@ def python_reason(values: Mapping[str, Any], controller: Controller,
         return 'friction that depends on loads, with arm_compensates'
     if looped and controller.compensate.arm is not None:
         return 'arm_gravity or arm_payload of an arm with closed loops'
-    for mode in (values['mode'], *values['modes']):
+    for mode in (controller.mode, *controller.laws, values['mode'], *values['modes']):
         if mode not in modes:
             return f'mode {mode}' + ' of an arm with closed loops' * looped
     return ''

@@ -20,7 +20,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control import traced_laws  # noqa: E402
 from kane_dynamics.control.terms import Mode  # noqa: E402
 from kane_dynamics.control_cycle import cycle_results, cycle_rules  # noqa: E402
-from kane_dynamics.control_cycle.cycle import turning_joints  # noqa: E402
+from kane_dynamics.control_cycle.cycle import Cycle, turning_joints  # noqa: E402
 from kane_dynamics.native.runtime.message_loop import (Block, CONSTANTS,  # noqa: E402
                                                        Event)
 from kane_dynamics.ros.common.cdr import (PreparedMessage, wrench_stamped,  # noqa: E402
@@ -802,7 +802,7 @@ def test_the_first_message_of_a_layout_behind_newer_states_is_counted_by_its_nam
 
 def test_the_thread_ends_before_its_memory_does():
     laws = traced_laws.controller_laws(ROBOT, Terms())
-    loop = native_loop.NativeLoop(native_loop.CycleKernels(ROBOT, Terms(), laws), NAMES)
+    loop = native_loop.NativeLoop(Cycle(ROBOT, Terms(), laws), NAMES)
     stop_at = loop.address + Block.stop.offset
     ended = threading.Event()
 

@@ -57,14 +57,14 @@ class Publisher:
 class Rig:
     """A torque path with a manual clock."""
 
-    def __init__(self, make=TorquePath, **settings):
+    def __init__(self, make=TorquePath, robot=ROBOT, **settings):
         self.time = 100 * NANO
         self.commands = Publisher(Float64MultiArray, 'data')
         self.torques = Publisher(JointState, 'effort')
         self.warnings = []
         self.statistics = Statistics()
         self.path = make(
-            Controller(ROBOT, **settings), self.commands, self.torques,
+            Controller(robot, **settings), self.commands, self.torques,
             lambda: self.time, node_values(UNCHECKED), self.statistics,
             lambda reason, detail: self.warnings.append(reason))
         self.path.start()
@@ -151,16 +151,15 @@ class Guard:
     """torque_guard as the path asks it; `numbers` answer the last request."""
 
     def __init__(self):
-        self.requests = []
+        self.requests = Publisher(Float64MultiArray, 'data')
         self.returns = []
-        self.send = self.requests.append
 
     def beginning(self):
         now = time.perf_counter() * NANO
         return begun(UNGUARDED._replace(seen=now), 0.1 * NANO, now, 7.0)
 
     def numbers(self, commands, tau):
-        return np.array([self.requests[-1], commands, commands, 1.0, *tau])
+        return np.array([self.requests.sent[-1][0], commands, commands, 1.0, *tau])
 
     def report_return(self, silent, dropped):
         self.returns.append(dropped)
@@ -510,15 +509,15 @@ def test_states_of_other_joints_only_are_not_dropped_states():
 
 
 def test_a_wrench_does_not_outlive_deactivation():
-    rig = Rig()
-    rig.path.wrenches = WrenchInput(Robot(load_urdf(URDF), wrench_frames=('tip',)),
-                                    lambda: rig.time, {'wrench.timeout': 60.0,
-                                                       'wrench.max_force': 100.0,
-                                                       'wrench.max_moment': 10.0,
-                                                       'wrench.rise_time': 0.0}, print)
+    robot = Robot(load_urdf(URDF), wrench_frames=('tip',))
+    rig = Rig(robot=robot)
+    limits = {'wrench.timeout': 60.0, 'wrench.max_force': 100.0,
+              'wrench.max_moment': 10.0, 'wrench.rise_time': 0.0}
+    rig.path.wrenches = WrenchInput(robot, lambda: rig.time, limits, print)
     push = WrenchStamped()
     push.header.frame_id = 'tip'
     push.wrench.force.x = 50.0
+    rig.path.wrenches.changed = rig.path.law_changed
     rig.path.wrenches.on_message(serialize_message(push))
     assert np.abs(rig.state() - gravity()).max() > 1.0
     rig.path.stop()
