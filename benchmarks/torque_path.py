@@ -47,7 +47,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.rcl_functions import _library, handle_address
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.parameters.parameter_table import CONSTANTS, SPECS
-from kane_dynamics.ros.torque_path.native_path import NativeTorquePath
+from kane_dynamics.ros.torque_path.native_loop import function_address
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
@@ -107,13 +107,10 @@ class Rig:
         OFF or ON.
     cycles : int
         Number of cycles that will be timed.
-    kind : type
-        Of the path.
 
     """
 
-    def __init__(self, settings: str, cycles: int,
-                 kind: type[TorquePath] = TorquePath) -> None:
+    def __init__(self, settings: str, cycles: int) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         # So do the torques; N m/s, checked as any other limit.
         values = CONSTANTS | {spec.name: read(spec, spec.default) for spec in SPECS} | {
@@ -125,8 +122,8 @@ class Rig:
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()
         self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
-        self.path = kind(controller, self.commands, self.torques, time.time_ns, values,
-                         self.statistics, _refuse)
+        self.path = TorquePath(controller, self.commands, self.torques, time.time_ns,
+                               values, self.statistics, _refuse)
         rng = np.random.default_rng(0)
         n = len(joints)
         pose = controller.robot.neutral() + 0.2
@@ -145,7 +142,7 @@ class Rig:
         gc.collect()
         gc.freeze()  # as the node does
         realtime.apply_realtime_settings(values, self.refused.append)
-        if kind is TorquePath:
+        if cycles:
             self.run(WARM_UP, timed=False)
 
     def message(self) -> bytes:
@@ -296,15 +293,14 @@ def measure(cycles: int) -> dict[str, dict[str, Any]]:
 
 
 def measure_native(settings: str, cycles: int) -> dict[str, np.ndarray]:
-    """Return the histograms of the native path and of an empty loop."""
-    rig = Rig(settings, 0, NativeTorquePath)
+    """Return the histograms of the loop without Python, and of an empty one."""
+    rig = Rig(settings, 0)
     path = rig.path
-    assert isinstance(path, NativeTorquePath)
     clock = Clock(clock_type=ClockType.SYSTEM_TIME)
     path.native.publish_to(0, 0)
     now_function = ctypes.cast(_library('librcl').rcl_clock_get_now, ctypes.c_void_p)
-    path.native.set_fields(clock=now_function.value,
-                           clock_handle=handle_address(clock))
+    path.native.set_fields(clock=now_function.value, clock_handle=handle_address(clock),
+                           steady=function_address(C_LIBRARY.clock_gettime))
     for _ in range(3):  # the layout is learned, and a first state is confirmed
         path.on_state(rig.message())
     now = time.time_ns()

@@ -3,8 +3,7 @@ The rules of one cycle of a torque path, as functions over any scalar.
 
 A cycle judges a state, then answers or refuses it. Between states the path may time out.
 Each rule returns a new `PathState` for the last one, without a branch on a value, so
-that it is traced and compiled. The native torque path compiles all rules. The
-interpreter's path compiles those of states and evaluates the others on numbers.
+that it is traced and compiled (`cycle`).
 
 Times are nanoseconds since the start of the path, which a double holds exactly for 104
 days, and to 1 us for 280 years. Flags are 1 or 0.

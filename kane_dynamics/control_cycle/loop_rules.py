@@ -1,5 +1,5 @@
 """
-The rules of closed loops on the native torque path, as functions over any scalar.
+The rules of closed loops in a torque path, as functions over any scalar.
 
 The measured joints of an accepted state determine all others: a search (`SearchRules`)
 follows them, call by call, and so does a second search for the desired configuration of

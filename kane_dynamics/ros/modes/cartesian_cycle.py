@@ -8,7 +8,7 @@ the last pose on, without delay. A target that no message moves any more is held
 messages make of the target moves within limits of speed and acceleration, so that no
 message makes a jump of torque.
 
-The interpreter's torque path and the native one call the same function. Times are ns
+The torque path and the readable law call the same function. Times are ns
 since an epoch; flags are 1 or 0.
 """
 

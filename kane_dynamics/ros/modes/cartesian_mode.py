@@ -299,7 +299,7 @@ class CartesianMode(NativeLaw):
         cycle = self._cycle_of(self._robot, lanes_of_single_states)
         size = len(self.settings_numbers())
 
-        # The same cycle as of the interpreter's path; its memory is the native path's.
+        # The same cycle as of `torque`; its memory is the path's.
         def torque(at: LawInput) -> tuple[Vector, Vector]:
             return cycle.torque(at.q, at.u, at.stamp, at.begins, at.memory,
                                 at.settings[:size], at.settings[size:], t=0.0,

@@ -4,10 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.control_cycle.loop_rules import may_be_singular, result_of
-from kane_dynamics.loop_tracking.loop_error import LoopError
-from kane_dynamics.loop_tracking.loop_tracker import (compare_with, LoopTracker,
-                                                      path_rows, search_of)
+from kane_dynamics.loop_tracking.loop_tracker import compare_with, LoopTracker, path_rows
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 from kane_dynamics.urdf.tree import ROOT_JOINT
@@ -52,7 +49,7 @@ def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
 
 class ClosedLoopReader(JointStateReader):
     """
-    Reads the measured joints and closes the loops from them.
+    Reads the measured joints; the rules of the loop close the loops from them.
 
     A message must have the joints that follow motions, as many as there are degrees of
     freedom; it may have further joints, whose positions are compared with the closed
@@ -70,7 +67,6 @@ class ClosedLoopReader(JointStateReader):
     def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
         robot = controller.robot
         followed = controller.followed
-        equations = robot.equations
         names = robot.joint_names
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
@@ -82,14 +78,6 @@ class ClosedLoopReader(JointStateReader):
         self.state = self.tracker.measurement
         # What is read is the tracker's measurement
         self._q, self._u = np.split(self.state, 2)
-        # The last others, and their indices in q
-        self._compared = self._rows = self.others
-        # Whether a refused state was near a singular configuration
-        self._singular = False
-        self._before = self.q.copy()  # one accepted state before the last
-        self._last = self.q.copy()  # the last one, until the next is accepted
-        self._stamps = 0, 0  # of both, ns
-        self._lengths = equations.mechanism.units
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -100,69 +88,16 @@ class ClosedLoopReader(JointStateReader):
     def restart(self) -> None:
         """Begin with the assembly mode of the file, or of the first state."""
         self.tracker.restart()
-        self._singular = False
-        self._stamps = (0, 0)
 
     @property
     def lost(self) -> bool:
         """Return whether the assembly mode is unknown."""
         return not self.tracker.known
 
-    def give_up(self) -> None:
-        """
-        Note that states are refused for longer than the grace time.
-
-        If the loops came near a singular configuration meanwhile, the assembly mode is
-        unknown.
-        """
-        if self._singular:
-            self.tracker.known = False
-
-    def complete(self, stamp: int) -> int | None:
-        """Close the loops at the state; return None, or the result that refuses it."""
-        tracker = self.tracker
-        known = self.tracker.known
-        try:
-            tracker.update_checked(self._further(), self.positions)
-        except LoopError as error:
-            self.detail = error.detail
-            # The loops were lost at this state: at a singular one they may continue
-            # soon.
-            if known and not tracker.known:
-                self._singular = True
-                tracker.known = not self._may_be_singular(stamp)
-            return int(result_of(search_of(tracker)))
-        # The last valid state and the one before predict through a singularity.
-        self._before[:] = self._last
-        self._last[:] = self.q
-        self._singular = False
-        self._stamps = (self._stamps[1], stamp)
-        return None
-
     def compare(self) -> None:
-        """Note the further joints of the state, which another thread has compared."""
-        compare_with(self.tracker, self._further(), self.positions)
-
-    def _further(self) -> tuple[int, ...]:
-        """Return the further joints of the state."""
-        if self.others is not self._compared:
-            self._compared = self.others
-            self._rows = tuple(self._places[k] for k in self.others)
-        return self._rows
-
-    def _may_be_singular(self, stamp: int) -> bool:
-        """
-        Return whether the arm can be at a singular configuration by now.
-
-        If it cannot, a state next to one is false, and the assembly mode is that of the
-        last accepted state.
-        """
-        second_last, last = self._stamps
-        if not second_last:
-            return True
-        search = search_of(self.tracker)
-        return bool(may_be_singular(search, self._before, self._lengths,
-                                    last - second_last, stamp - last))
+        """Note the further joints of the state, which the loop has compared."""
+        rows = tuple(self._places[k] for k in self.others)
+        compare_with(self.tracker, rows, self.positions)
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""

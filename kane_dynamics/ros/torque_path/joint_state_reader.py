@@ -224,14 +224,6 @@ class JointStateReader:
             self._gather_effort(layout.efforts, index)
         return None if self.judged and not self.others else self._finite()
 
-    def complete(self, stamp: int) -> int | None:
-        """
-        Compute what a state lacks, with its stamp, ns.
-
-        Return None, or the result of a cycle that refuses the state.
-        """
-        return None
-
     def _parse(self, data: bytes, need_velocity: bool) -> str | None:
         """Deserialize a message with rclpy; cache its layout if it is valid."""
         self.full_parses += 1

@@ -145,7 +145,7 @@ class CyclePlan:
         if scheduled is None:
             return 0
         motion, start = scheduled
-        # Segments as a table: the native path evaluates them as the interpreter's does.
+        # Segments as a table, which the loop evaluates.
         table = segment_table(motion)
         return self._kept_at(MotionTable(
             start, len(table.times), self._at(table.times), self._at(table.origins),

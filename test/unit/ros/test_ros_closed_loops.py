@@ -39,6 +39,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
 from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
     MISSING, NO_TORQUE, REFUSED, STALE, TWICE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from native_rig import python_path  # noqa: E402
 from node_values import monitor_values, node_values, UNCHECKED  # noqa: E402
 from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
                         SINGULAR_SHOULDER)
@@ -69,6 +70,8 @@ class Publisher:
 class Rig:
     """A torque path of the palletizer with a manual clock."""
 
+    make = TorquePath
+
     def __init__(self, robot=None, checks=None, **settings):
         self.time, self.robot = 100 * NANO, robot or palletizer()
         self.commands, self.torques = Publisher(Float64MultiArray), Publisher(JointState)
@@ -76,7 +79,7 @@ class Rig:
         self.details = []
         controller = Controller(self.robot, **settings)
         values = node_values(VALUES | (checks or {}))
-        self.path = TorquePath(
+        self.path = self.make(
             controller, self.commands, self.torques, lambda: self.time, values,
             self.statistics, lambda *words: self.details.append(words),
             loops=ClosedLoopReader(controller, values))
@@ -109,6 +112,13 @@ class Rig:
 
 
 @cache
+@pytest.fixture(autouse=True, params=[TorquePath, python_path],
+                ids=['compiled law', 'law in Python'])
+def of_each_kind(request, monkeypatch):
+    """Run each case with compiled laws, and with laws that Python evaluates."""
+    monkeypatch.setattr(Rig, 'make', staticmethod(request.param))
+
+
 def of_driven():
     return [palletizer().joint_names.index(name) for name in DRIVEN]
 

@@ -641,6 +641,28 @@ def test_a_refused_publication_is_raised_on_both_paths():
         side.path.on_state(message(pair.q, np.zeros(2), pair.time))
 
 
+def test_a_law_that_fails_is_a_fault_like_a_refused_publication():
+    pair = in_motion()
+    side, _ = pair.sides
+    path = side.path
+
+    def fail():
+        raise ValueError('this law fails')
+    path.rules._law.torque = fail
+    last = numbers(side.commands.sent[-1])
+    pair.time += 1_000_000
+    with pytest.raises(ValueError, match='this law fails'):
+        path.on_state(message(pair.q, np.zeros(2), pair.time))
+    assert path.refused
+    # The last command is repeated at most.
+    np.testing.assert_array_equal(numbers(side.commands.sent[-1]), last)
+    path.stop()
+    assert not numbers(side.commands.sent[-1]).any()
+    del path.rules._law.torque
+    path.start()
+    assert not path.refused
+
+
 def test_no_cycle_has_a_part_of_changes_that_belong_together():
     pair = in_motion()
     path = pair.sides[1].path

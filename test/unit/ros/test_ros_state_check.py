@@ -43,8 +43,9 @@ FIRST = 'first state'
 class Rig:
     """The torque path of an arm with its defaults and a manual clock."""
 
-    def __init__(self, mode='computed_torque', rate_limit=math.inf, make=TorquePath,
-                 **checks):
+    make = TorquePath
+
+    def __init__(self, mode='computed_torque', rate_limit=math.inf, **checks):
         self.time = 100 * NANO
         self.commands = []
         self.warnings = []
@@ -52,10 +53,11 @@ class Rig:
         self.statistics = Statistics()
         values = node_values({f'state_check.{name}': x for name, x in checks.items()}
                              | {'mode': mode})
-        self.path = make(Controller(ARM, mode=mode, rate_limit=rate_limit), self,
-                         Unread(), lambda: self.time, values, self.statistics,
-                         lambda *words: self.warnings.append(words),
-                         report_fault=lambda *words: self.faults.append(words))
+        self.path = self.make(
+            Controller(ARM, mode=mode, rate_limit=rate_limit), self, Unread(),
+            lambda: self.time, values, self.statistics,
+            lambda *words: self.warnings.append(words),
+            report_fault=lambda *words: self.faults.append(words))
         self.path.start()
 
     def publish(self, data):
@@ -77,6 +79,13 @@ class Rig:
         assert self.state(q) == []
         command, = self.state(q)
         return command
+
+
+@pytest.fixture(autouse=True, params=[TorquePath, python_path],
+                ids=['compiled law', 'law in Python'])
+def of_each_kind(request, monkeypatch):
+    """Run each case with compiled laws, and with laws that Python evaluates."""
+    monkeypatch.setattr(Rig, 'make', staticmethod(request.param))
 
 
 class Unread:
@@ -363,12 +372,11 @@ def test_a_stop_that_begins_at_the_time_of_one_before_a_jump_of_the_clock_is_ano
                                    atol=1e-12)
 
 
-@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('before', ['pause', 'stop of the process', 'jump of the clock'])
 def test_the_arm_is_not_held_by_the_model_where_nothing_says_where_it_is(
-        before, make, monkeypatch):
+        before, monkeypatch):
     """The torque that acted before went on for as long as states were refused."""
-    rig = Rig(make=make, action='hold')
+    rig = Rig(action='hold')
     monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
     rig.begin()
     rig.path.check_timeout()
@@ -446,10 +454,8 @@ def test_states_of_a_slow_publisher_may_be_far_apart():
         assert len(rig.state(q, u, after=9 * NANO // 100)) == 1
 
 
-@pytest.mark.parametrize('make', [python_path, TorquePath])
-def test_after_a_pause_a_position_without_speeds_that_explain_it_needs_a_second_state(
-        make):
-    rig = Rig(make=make)
+def test_after_a_pause_a_position_without_speeds_that_explain_it_needs_a_second_state():
+    rig = Rig()
     held = rig.begin()
     pause = 9 * NANO // 100
     far = home_moved(1, 0.3)
@@ -658,7 +664,7 @@ def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
                       lambda *words: None, lambda *words: reports.append(words))
     guard.start()
     guard.watch.known = True
-    torques = guard.messages._torque_message
+    torques = guard.path.messages._torque_message
     rig.path = guard
     gravity = ARM.gravity_force(HOME)
     torques.numbers[:] = gravity
@@ -704,4 +710,4 @@ def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
     guard.on_torques(torques.serialized())
     assert guard.fault == ''
     rig.state(there), rig.state(there)
-    assert guard.known
+    assert guard.path.known

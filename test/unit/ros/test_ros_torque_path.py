@@ -57,13 +57,15 @@ class Publisher:
 class Rig:
     """A torque path with a manual clock."""
 
-    def __init__(self, make=TorquePath, robot=ROBOT, **settings):
+    make = TorquePath
+
+    def __init__(self, robot=ROBOT, **settings):
         self.time = 100 * NANO
         self.commands = Publisher(Float64MultiArray, 'data')
         self.torques = Publisher(JointState, 'effort')
         self.warnings = []
         self.statistics = Statistics()
-        self.path = make(
+        self.path = self.make(
             Controller(robot, **settings), self.commands, self.torques,
             lambda: self.time, node_values(UNCHECKED), self.statistics,
             lambda reason, detail: self.warnings.append(reason))
@@ -84,6 +86,13 @@ class Rig:
         """Schedule a motion at a time, ns."""
         active = self.path.active_motion
         assert active.follow(motion, start, self.time, active.generation)
+
+
+@pytest.fixture(autouse=True, params=[TorquePath, python_path],
+                ids=['compiled law', 'law in Python'])
+def of_each_kind(request, monkeypatch):
+    """Run each case with compiled laws, and with laws that Python evaluates."""
+    monkeypatch.setattr(Rig, 'make', staticmethod(request.param))
 
 
 def gravity(q=(0.3, -0.2)):
@@ -311,11 +320,10 @@ def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
-@pytest.mark.parametrize('make', [python_path, TorquePath])
 @pytest.mark.parametrize('looks_first', [False, True])
 def test_a_path_that_was_stopped_drops_its_motion_and_goes_on_without_zeros(
-        make, looks_first, monkeypatch):
-    rig = Rig(make, mode='computed_torque', kp=100.0, kd=20.0)
+        looks_first, monkeypatch):
+    rig = Rig(mode='computed_torque', kp=100.0, kd=20.0)
     monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
     pose = np.array([0.3, -0.2])
 
