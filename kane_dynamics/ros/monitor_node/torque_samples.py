@@ -88,8 +88,8 @@ class TorqueSamples:
         # A sample is due after a period, and after a jump back of the clock.
         if reason is None and 0 <= stamp - self._last < PERIOD:
             return None
-        if reason is None and reader.complete(stamp) is not None:
-            reason = 'closed loops'
+        if reason is None:
+            reason = reader.complete()
         if reason is not None:
             self._reject(f'joint states: {reason}', reader.detail)
             return None

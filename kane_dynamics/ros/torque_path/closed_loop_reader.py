@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import compare_with, LoopTracker, path_rows
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
@@ -96,8 +97,21 @@ class ClosedLoopReader(JointStateReader):
 
     def compare(self) -> None:
         """Note the further joints of the state, which the loop has compared."""
-        rows = tuple(self._places[k] for k in self.others)
-        compare_with(self.tracker, rows, self.positions)
+        compare_with(self.tracker, self._further, self.positions)
+
+    def complete(self) -> str | None:
+        """Close the loops at the state, without a torque path; return None, or a reason."""
+        try:
+            self.tracker.update_checked(self._further, self.positions)
+        except LoopError as error:
+            self.detail = error.detail
+            return 'closed loops'
+        return None
+
+    @property
+    def _further(self) -> tuple[int, ...]:
+        """Return the further joints of the state."""
+        return tuple(self._places[k] for k in self.others)
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""

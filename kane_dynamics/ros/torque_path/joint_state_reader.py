@@ -224,6 +224,10 @@ class JointStateReader:
             self._gather_effort(layout.efforts, index)
         return None if self.judged and not self.others else self._finite()
 
+    def complete(self) -> str | None:
+        """Compute what a state lacks; return None, or the reason to drop it."""
+        return None
+
     def _parse(self, data: bytes, need_velocity: bool) -> str | None:
         """Deserialize a message with rclpy; cache its layout if it is valid."""
         self.full_parses += 1

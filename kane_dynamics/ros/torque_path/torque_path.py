@@ -216,8 +216,6 @@ class TorquePath:
         self.failure = ''
         self.false_speeds: tuple[str, ...] = ()
         self._counts = dict.fromkeys(COUNTS, 0.0)
-        # When the last stop by the controller began, and its motion.
-        self._stop: tuple[float, Motion | None] = NEVER, None
         self._make_loop(values, rules)
         self.active_motion = ActiveMotion(self._replan)
         self.executor: CallbackExecutor | ThreadExecutor = CallbackExecutor(
@@ -579,7 +577,6 @@ class TorquePath:
         self._epoch = self._last_good = self._now()
         self._counts = dict.fromkeys(COUNTS, 0.0)
         self._memory.path = self._initial()
-        self._stop = NEVER, None
         self._pose = self._drive = None
         self.controller.stop()
         if self.loops is not None:
@@ -1097,14 +1094,9 @@ class TorquePath:
     def stop_of_now(self) -> tuple[Motion, float]:
         """Return the motion of the stop, and the time since its begin, s."""
         live = self.native.memory
-        entries = live.entries
-        began, stop = self._stop
-        if stop is None or began != entries[STOP_BEGAN] or began <= NEVER:
-            began = entries[STOP_BEGAN]
-            q, u, _, duration = begun_stop(live.path, self.native.plan.settings)
-            stop = motion_to_rest(q, u, duration, self.controller.followed)
-            self._stop = began, stop
-        return stop, max((entries[LAST_HEARD] - began) / NANO, 0.0)
+        q, u, elapsed, duration = begun_stop(live.path, self.native.plan.settings)
+        stop = motion_to_rest(q, u, duration, self.controller.followed)
+        return stop, max(float(elapsed), 0.0)
 
     def acting(self) -> Array:
         """Return the torques of all joints that act, (n_q,)."""

@@ -111,7 +111,6 @@ class Rig:
         assert active.follow(motion, self.time, self.time, active.generation)
 
 
-@cache
 @pytest.fixture(autouse=True, params=[TorquePath, python_path],
                 ids=['compiled law', 'law in Python'])
 def of_each_kind(request, monkeypatch):
@@ -119,6 +118,7 @@ def of_each_kind(request, monkeypatch):
     monkeypatch.setattr(Rig, 'make', staticmethod(request.param))
 
 
+@cache
 def of_driven():
     return [palletizer().joint_names.index(name) for name in DRIVEN]
 

@@ -1,6 +1,7 @@
 """The torque path in the modes of a law: targets, refusals, changes of mode, stops."""
 
 import math
+import time
 from types import SimpleNamespace
 
 from kane_dynamics._util.resources import resource_path
@@ -105,13 +106,14 @@ class Rig:
 
     def forget_states(self):
         """Compare the next state with no earlier one, as it is elsewhere."""
-        self.path._change(cycle_rules.forgotten)
+        self.path.change(cycle_rules.forgotten)
 
     def hand_back(self, torque):
         """Go on from the torques of torque_guard."""
         path = self.path
-        path._change(cycle_rules.taken_back, path._event(self.now), torque,
-                     path._rules.settings)
+        now = float(self.now - path.time_of(0.0))
+        event = cycle_rules.Event(now, now, 0.0, 0.0, 1.0, time.perf_counter() * NANO)
+        path.change(cycle_rules.taken_back, event, torque, path.native.plan.settings)
 
     def state(self):
         """Pass the present state to the path; return the torque, or None."""

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
-from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402
+from kane_dynamics import Controller, load_urdf, Robot, Terms  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -73,11 +73,13 @@ class Rig:
         self.commands = Sink(Float64MultiArray)
         self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped),
                                          Sink(None))
+        compensate = Terms(gravity='gravity' not in arm_compensates)
         self.path = TorquePath(
-            Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
+            Controller(ROBOT, mode=mode, compensate=compensate), self.commands, Sink(JointState),
             lambda: self.time, self.values, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time,
                                                          self.values, self.reject)
+        self.wrenches.changed = self.path.law_changed
         self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log,
                                       self.reject)
         self.path.add_observer(self.contact, need_effort=True)
@@ -274,9 +276,6 @@ def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(
         gravity_by_arm):
     rig = Rig(arm_compensates=('gravity',) if gravity_by_arm else ('none',),
               threshold=0.1)
-    if gravity_by_arm:
-        rig.path.controller.update(compensate=rig.path.controller.compensate.__class__(
-            gravity=False))
     for _ in range(100):
         rig.state(effort=(math.nan, math.nan))  # as of drivers without torque sensors
     assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
