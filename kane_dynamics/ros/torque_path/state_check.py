@@ -13,6 +13,7 @@ from kane_dynamics.control_cycle.cycle import turning_joints
 from kane_dynamics.control_cycle.cycle_results import NOT_FINITE, OUTSIDE, TOO_FAST
 from kane_dynamics.control_cycle.state_judgement import (state_fault, StateMemory,
                                                          UNLIMITED)
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
@@ -90,8 +91,9 @@ class StateCheck:
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
         margin += ROUNDING
-        lower = limits.lower[places] - margin
-        upper = limits.upper[places] + margin
+        # Compiled laws are not defined beyond.
+        lower = np.maximum(limits.lower[places] - margin, -POSITION_LIMIT)
+        upper = np.minimum(limits.upper[places] + margin, POSITION_LIMIT)
         # A joint without limits may have turned by whole turns between two states.
         self.turned[:] = self._turning * may_turn
         self.bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,

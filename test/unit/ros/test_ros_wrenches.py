@@ -75,7 +75,8 @@ class Rig:
                                          Sink(None))
         compensate = Terms(gravity='gravity' not in arm_compensates)
         self.path = TorquePath(
-            Controller(ROBOT, mode=mode, compensate=compensate), self.commands, Sink(JointState),
+            Controller(ROBOT, mode=mode, compensate=compensate), self.commands,
+            Sink(JointState),
             lambda: self.time, self.values, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time,
                                                          self.values, self.reject)
