@@ -34,14 +34,13 @@ import numpy as np
 OF_ROBOT = ('refuse', 'hold')  # programs with its dynamics, beside answers
 OF_GUARD = ('permit', 'confirm', 'hear')  # only with torque_guard
 ARRAYS = ('path', 'event', 'state', 'row', 'numbers', 'torque', 'settings', 'begin')
-(REASON, PUBLISH, SENT_AT, REQUEST, PERIOD, COMMANDED_AT, LAST_HEARD, LAST_STAMP, REFUSING, FAULT,
- TIMED_OUT, COMMANDING, DROPS, STOP_BEGAN, STOPS, LAW_KNOWN, LOOKED_AT,
+(REASON, PUBLISH, SENT_AT, REQUEST, PERIOD, COMMANDED_AT, LAST_HEARD, LAST_STAMP,
+ REFUSING, FAULT, TIMED_OUT, COMMANDING, DROPS, STOP_BEGAN, STOPS, LAW_KNOWN, LOOKED_AT,
  LAST_LOOK) = map(
      PathState._fields.index, (
          'reason', 'publish', 'sent_at', 'request', 'period', 'commanded_at', 'last_heard',
          'last_stamp', 'refusing', 'fault', 'timed_out', 'commanding', 'drops',
-         'stop_began', 'stops', 'law_known', 'looked_at',
-         'last_look'))
+         'stop_began', 'stops', 'law_known', 'looked_at', 'last_look'))
 
 
 def inputs_of(rule: Callable[..., PathState]) -> list[str]:
@@ -94,8 +93,9 @@ class PathMemory:
         Of the array.
     tau, limited, pose, accepted, trusted, wrong, arbitration : arrays
         The last torques; flags of joints that were clamped or limited in their rate; the
-        pose that is held; the last accepted state; the speeds that laws use, and flags of joints whose measured
-        ones contradict their positions; an `Arbitration`: views of the array.
+        pose that is held; the last accepted state; the speeds that laws use, and flags of
+        joints whose measured ones contradict their positions; an `Arbitration`: views of
+        the array.
     q, u : (n_q,), (n,) arrays
         All positions and speeds of the last accepted state; views of the array.
 

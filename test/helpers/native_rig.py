@@ -19,6 +19,7 @@ import numpy as np
 NANO = 10**9
 EPOCH = 1000 * NANO  # small: `TorquePath` computes with stamps in s
 
+
 def python_path(*arguments, **named):
     """Return a path with the laws of the controller, which Python evaluates."""
     return TorquePath(*arguments, rules=controller_rules, **named)
