@@ -334,7 +334,7 @@ class GuardPath:
 
     def on_clock_jump(self) -> None:
         """Handle a backward jump of the clock."""
-        self._tell_who_commands()
+        self._write_permission()
         self.path.on_clock_jump()
 
     def check_timeout(self) -> None:
@@ -347,7 +347,7 @@ class GuardPath:
         live.array[LOOKED_AT] = now * NANO
         live.array[LAST_LOOK] = self._event().now
         if self.watch.acting:
-            self._tell_who_commands()
+            self._write_permission()
             path.check_timeout()
             # The loss of liveliness began a takeover, and no valid state came since.
             if self.fault and self.watch.armed and not self.commanding:
@@ -365,7 +365,7 @@ class GuardPath:
             self._takeovers = self.watch.takeovers
             self._took_over = self._now()
             path.commanding = True
-            self._tell_who_commands()
+            self._write_permission()
             path.time_out('and no zeros from the dynamics node')
         elif self.fault and now - self.watch.waiting_since > late / NANO:
             # However long the lease is: the torque of before the fault acts meanwhile.
@@ -401,8 +401,8 @@ class GuardPath:
 
     # Who commands, by `NodeWatch`.
 
-    def _tell_who_commands(self) -> None:
-        """Tell the rules whether the guard commands."""
+    def _write_permission(self) -> None:
+        """Let the rules know whether the guard commands."""
         self.path.native.memory.arbitration[PERMITTED] = self.watch.acting
 
     def _permit(self, compute: Compute) -> None:
