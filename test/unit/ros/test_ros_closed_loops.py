@@ -37,7 +37,7 @@ from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import (  # noqa: E402
     ClosedLoopReader, commanded_joints)
 from kane_dynamics.ros.torque_path.drop_reasons import (  # noqa: E402
-    MISSING, NO_TORQUE, REFUSED, STALE, TWICE)
+    MISSING, NO_TORQUE, OUTSIDE, REFUSED, STALE, TWICE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from native_rig import python_path  # noqa: E402
 from node_values import monitor_values, node_values, UNCHECKED  # noqa: E402
@@ -240,7 +240,7 @@ def test_after_a_finite_position_beyond_reason_the_last_command_goes_on(
     assert again.tolist() == held.tolist()
     (reason, detail), = rig.details
     name = further if field == 'a further joint' else DRIVEN[0]
-    assert reason == (CONTRADICTION if field == 'a further joint' else BRANCH)
+    assert reason == (CONTRADICTION if field == 'a further joint' else OUTSIDE)
     assert f"'{name}'" in detail and f'{value:.6g}' in detail
     command, = rig.state()
     np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
