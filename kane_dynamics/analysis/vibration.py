@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.checks import finite_row, instance, names_of_joints
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import RANK
-from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -156,38 +156,28 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     """
     Return the derivatives of V along the motions of the joints, (n_j,), and theirs, (n_j, n_j).
 
-    Exact, of gravity, springs and beams. Entry [r, s] is the derivative of entry r along
-    motion s: V'' in the coordinates, or with ball joints G^T V'' G + V' . dG, q' = G v,
-    whose entries of one ball joint differ from their transpose by its moment. The third
-    result is the sum of the absolute values of the terms, which states what is rounding.
+    Exact, of gravity, springs and beams. The derivatives of V are the forces that hold the
+    robot at rest; entry [r, s] is the derivative of entry r along motion s. Entries of one
+    ball joint differ from their transpose by its moment. The third result is the size of
+    the terms, which states what is rounding.
     """
-    n = robot.n_q
     model = robot.model
     frame = robot.equations.payload_frame
     payload = robot.parameters.payload
     if frame is not None and payload is not None:
         model = with_payload(model, frame.name, payload)
-    # Hyper-dual numbers: the gradient of V, and that of its rate along each coordinate.
-    energy_along = []
-    for unit in np.eye(n):
-        energy = energies.potential_energy(model, seeded(q, unit, 0, n),
-                                           gravity=robot.parameters.gravity)
-        energy_along.append(lifted(energy, n))
-    slope = energy_along[0].gradient
-    K = np.array([energy.gradient_rate for energy in energy_along])
-    if not model.balls:
-        return slope, K, np.abs(K)
+    at_rest = np.zeros(model.n)
 
-    def rates(q: Array) -> Array:
-        """Return q' = G v of unit speeds v, one in each row: G^T."""
-        rows = [coordinate_rates(model, q, unit) for unit in np.eye(model.n)]
-        return np.array(rows, dtype=np.float64)
-    G = rates(q).T
-    # q' is linear in q and v, except for what does not depend on q: so its change over G
-    # is the derivative, dG[r, s] of the rates of motion r along motion s.
-    dG = np.stack([rates(q + step) for step in G.T], axis=1) - G.T[:, None]
-    size = np.abs(G).T @ np.abs(K) @ np.abs(G) + np.abs(dG) @ np.abs(slope)
-    return G.T @ slope, G.T @ K @ G + dG @ slope, size
+    def holding_force(q: Any) -> Any:
+        return kane.bias_force(model, q, at_rest, gravity=robot.parameters.gravity,
+                               friction=False)
+    slope = np.asarray(holding_force(q), dtype=np.float64)
+    columns = []
+    for motion in np.eye(model.n):
+        along = holding_force(moving(q, coordinate_rates(model, q, motion)))
+        columns.append(rates(along))
+    K = np.array(columns).reshape(model.n, model.n).T
+    return slope, K, np.abs(K)
 
 
 def stiffness_matrix(robot: Robot, q: Array) -> Array:

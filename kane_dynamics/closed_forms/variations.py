@@ -11,9 +11,9 @@ from typing import Any
 
 from kane_dynamics.closed_forms.symbolic import scalar, unwrapped
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.energy_form.energies import poses
-from kane_dynamics.mechanics.energy_form.finite_kinematics import PossibleMotion
-from kane_dynamics.mechanics.energy_form.hamilton import HamiltonByVariations
+from kane_dynamics.mechanics.energy_form.finite_poses import poses
+from kane_dynamics.mechanics.energy_form.hamilton import (HamiltonByVariations,
+                                                          PossibleMotion)
 import numpy as np
 import sympy as sp
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError, ConstraintError, InputError
-from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import joint_positions, moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.definition import beams, kane, nonholonomic
@@ -217,14 +217,15 @@ def _coriolis(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 def _torque_slopes(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                    udot: Array) -> Array:
     """Return the derivatives of the torque by q, u and udot, (n, 3 n)."""
-    n = robot.n
-    constant_part = np.zeros(n)
-    # Hyperdual arguments, so that each torque carries its gradient by all of them.
-    q, u, udot = (seeded(x, constant_part, k * n, 3 * n)
-                  for k, x in enumerate((q, u, udot)))
-    torque = kane.inverse_dynamics(model, q, u, udot, gravity=gravity,
-                                   friction=robot.friction)
-    return np.array([getattr(x, 'gradient', np.zeros(3 * n)) for x in torque])
+    arguments = np.concatenate([q, u, udot])
+    slopes = []
+    # The rate of the torque if one argument alone changes.
+    for direction in np.eye(len(arguments)):
+        changing = np.split(moving(arguments, direction), 3)
+        torque = kane.inverse_dynamics(model, *changing, gravity=gravity,
+                                       friction=robot.friction)
+        slopes.append(rates(torque))
+    return np.array(slopes).T
 
 
 def _derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,

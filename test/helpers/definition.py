@@ -1,8 +1,8 @@
 """Kane's definition behind `Robot`'s method names, so that one test can hold both."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import seeded
+import energies
+from hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane, kinematics
-from kane_dynamics.mechanics.energy_form import energies
 import numpy as np
 
 

@@ -13,6 +13,7 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
+import energies
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
                            fill_trajectory, Inertial, MomentumObserver, Motion,
                            natural_vibration, QuasiStatic, Robot, simulate, stiffened,
@@ -26,7 +27,6 @@ from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import (balls, coordinate_rates,
                                                  moved as joints_moved)
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.model import Body, Joint, with_payload

@@ -1,6 +1,6 @@
 """Slopes of Kane's definition, by hyper-dual numbers: the reference for derivatives."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import HyperDual
+from hyperdual import HyperDual
 from kane_dynamics.mechanics.definition import kane
 import numpy as np
 

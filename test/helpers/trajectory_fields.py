@@ -9,11 +9,11 @@ law bounds.
 """
 
 
+import energies
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.energy_form import energies
 from mechanisms import with_joints
 import numpy as np
 

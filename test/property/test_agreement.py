@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from definition import Definition
+import energies
 from hypothesis import given, strategies as st
 from kane_dynamics import Robot
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program

@@ -1,8 +1,8 @@
 """Derivatives, regressor, reactions: against autodiff and balance laws."""
 
+from hyperdual import seeded
 from hypothesis import given
 from kane_dynamics import Robot
-from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_model
 import numpy as np

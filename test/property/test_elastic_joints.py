@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+import energies
 from kane_dynamics import box, Drive, ModelBuilder, Robot, StiffnessCurve, with_drives
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import spring_torque
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from mechanisms import random_model
 import numpy as np

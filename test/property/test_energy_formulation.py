@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+from admissible_motion import admissible
 from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars,
                                rolling_disc, rolling_pair, ROLLING_TESTED, states, T,
                                tree, tree_constraints, two_bodies_on_a_base, wavy)
@@ -13,12 +14,10 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import (body_angular_velocity, momenta,
                                                         Speeds)
 from kane_dynamics.mechanics.definition import kane, nonholonomic
-from kane_dynamics.mechanics.energy_form.admissible_motion import admissible
-from kane_dynamics.mechanics.energy_form.energies import poses
+from kane_dynamics.mechanics.energy_form.finite_poses import poses
 from kane_dynamics.mechanics.energy_form.hamilton import HamiltonByVariations
-from kane_dynamics.mechanics.energy_form.lagrange_constrained import (EnergyForm,
-                                                                      PasserelloHuston)
 from kane_dynamics.model.model import Frame, WORLD
+from lagrange_constrained import EnergyForm, PasserelloHuston
 from mechanisms import random_model
 import numpy as np
 import pytest

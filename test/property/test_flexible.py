@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import energies
 from examples.flexible_four_bar import flexible_four_bar
 from examples.flexible_mast import mast_on_a_sleigh
 from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf,
@@ -10,10 +11,8 @@ from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf,
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.analysis.vibration import stiffness_matrix
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.mechanics.energy_form.lagrange_constrained import (EnergyForm,
-                                                                      PasserelloHuston)
 from kane_dynamics.model.model import with_payload
+from lagrange_constrained import EnergyForm, PasserelloHuston
 from mechanisms import with_inertia_in
 import numpy as np
 import pytest

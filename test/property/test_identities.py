@@ -1,10 +1,10 @@
 """Identities of mechanics on random mechanisms."""
 
+import energies
+from hyperdual import seeded
 from hypothesis import given
 from kane_dynamics import Robot, simulate
-from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.energy_form import energies
 from kinds_of_mechanism import case
 from mechanisms import random_model, random_state
 import numpy as np

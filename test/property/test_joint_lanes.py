@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from definition import relative_error
+from hyperdual import seeded
 from hypothesis import given, settings, strategies as st
 from kane_dynamics import box, Inertial, ModelBuilder, Robot
-from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations

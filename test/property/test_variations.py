@@ -1,9 +1,10 @@
 """Variations in rotating frames: identities against automatic differentiation."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import (HyperDual, joined, Parts, parts,
-                                                       seeded)
-from kane_dynamics.mechanics.energy_form.variation_rules import (
-    absolute, angular_velocity_variation, relative, rotation_change)
+from hyperdual import HyperDual, joined, Parts, parts, seeded
+from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
+                                                                 angular_velocity_variation,
+                                                                 relative,
+                                                                 rotation_change)
 import numpy as np
 import pytest
 

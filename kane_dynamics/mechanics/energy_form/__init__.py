@@ -1,1 +1,1 @@
-"""Equations of motion from energies: an independent formulation for tests."""
+"""Equations of motion by variations of finite poses: the second derivation."""

@@ -13,15 +13,53 @@ constant. Source: vector variations, Journal of Robotic Systems 5 (1988) 553.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.elastic_joints import spring_torque as drive_spring
 from kane_dynamics.mechanics.energy_form import variation_rules
-from kane_dynamics.mechanics.energy_form.admissible_motion import AdmissibleMotion
-from kane_dynamics.mechanics.energy_form.finite_kinematics import PossibleMotion
 from kane_dynamics.model.model import WORLD
 import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class PossibleMotion:
+    """
+    Possible displacement and rotation of a point and axes, a row per variation.
+
+    In world axes.
+
+    Attributes
+    ----------
+    displacement, rotation : (k, 3) arrays
+        m and rad, per unit of the variation.
+    displacement_rate, rotation_rate : (k, 3) arrays
+        Their time derivatives along the motion, for constant variations.
+
+    """
+
+    displacement: Array
+    rotation: Array
+    displacement_rate: Array
+    rotation_rate: Array
+
+    def along(self, directions: Array) -> 'PossibleMotion':
+        """Return the motion for variations of q, the columns of (n_q, k)."""
+        return PossibleMotion(directions.T @ self.displacement,
+                              directions.T @ self.rotation,
+                              directions.T @ self.displacement_rate,
+                              directions.T @ self.rotation_rate)
+
+
+class VariedMotion(Protocol):
+    """A motion of joints, and the possible motions of its bodies (`state`)."""
+
+    q: Any  # coordinates, rates and accelerations, (n_q,) each
+    qdot: Any
+    qddot: Any
+    state: Any  # with `model`, `axes(body)` and `center_of_mass(body)`
 
 
 class HamiltonByVariations:
@@ -44,7 +82,7 @@ class HamiltonByVariations:
         self.turning = turning
         self.translating = translating
 
-    def inertia_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
+    def inertia_force(self, motion: VariedMotion, variations: Array) -> Array:
         """Return F*, (k,), for the columns of `variations`, (n_q, k)."""
         state = motion.state
         model = state.model
@@ -77,7 +115,7 @@ class HamiltonByVariations:
             force = force - rotor_torque * variations[joint.coordinate]
         return force
 
-    def conservative_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
+    def conservative_force(self, motion: VariedMotion, variations: Array) -> Array:
         """Return the generalized active force of gravity and springs, (k,)."""
         model = motion.state.model
         force = np.zeros(variations.shape[1])
@@ -106,7 +144,7 @@ def _frame_rotation(possible: Sequence[PossibleMotion], frame: int) -> Array:
     return possible[frame].rotation
 
 
-def turning_force(inertia: Array, motion: AdmissibleMotion, com: PossibleMotion,
+def turning_force(inertia: Array, motion: VariedMotion, com: PossibleMotion,
                   possible: PossibleMotion, turns: Array) -> Array:
     """
     Return the rotational term var( 1/2 omega . I . omega ) - d/dt( H . theta ), (k,).
@@ -115,7 +153,7 @@ def turning_force(inertia: Array, motion: AdmissibleMotion, com: PossibleMotion,
     ----------
     inertia : (3, 3) array
         Central inertia dyadic I, world axes, kg m^2.
-    motion : AdmissibleMotion
+    motion : VariedMotion
         Motion of the joints.
     com, possible : PossibleMotion
         Motion of the body for unit variations of the coordinates, and for the k
@@ -145,7 +183,7 @@ def turning_force(inertia: Array, motion: AdmissibleMotion, com: PossibleMotion,
     return np.array(force)
 
 
-def translating_force(motion: AdmissibleMotion, com: PossibleMotion,
+def translating_force(motion: VariedMotion, com: PossibleMotion,
                       possible: PossibleMotion, turns: Array) -> Array:
     """
     Return the translational term var( 1/2 v . v ) - d/dt( v . p ) per unit mass, (k,).

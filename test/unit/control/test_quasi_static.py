@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import energies
 from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Controller, FlexibleLink, InputError, load_urdf, ModelBuilder,
                            Motion, QuasiStatic, Robot, simulate, stiffened)
@@ -11,7 +12,6 @@ from kane_dynamics.control.controller import OWN_MODES
 from kane_dynamics.control.terms import Mode, Terms
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.definition import kane, nonholonomic
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.robot import TORQUE_TERMS
 import numpy as np
 from palletizer import bending_palletizer, DRIVEN, positions

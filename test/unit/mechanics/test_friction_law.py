@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from definition import Definition
+import energies
 from kane_dynamics import (absolute_rates, ComputedTorque, load_urdf, ModelBuilder,
                            MomentumObserver, Motion, point_mass, Robot, rod, simulate)
 from kane_dynamics.closed_forms import derivation
 from kane_dynamics.errors import ConstraintError, InputError, ModelError
 from kane_dynamics.feasibility import fastest, time_optimal
 from kane_dynamics.mechanics import friction
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import Joint, Limits
 from linkages import at_angle, four_bar_model, PIN
 from mechanisms import random_model, random_state, wheel

@@ -1,6 +1,6 @@
 """Hyper-dual arithmetic against derivatives taken by hand."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import joined, parts, seeded
+from hyperdual import joined, parts, seeded
 import numpy as np
 import pytest
 

@@ -1,10 +1,10 @@
 """The worked problems of the theory: closed forms and derivations, reproduced."""
 
 from definition import Definition
+import energies
 from kane_dynamics import Robot
 from kane_dynamics.closed_forms.symbolic import symbols, unwrapped
 from kane_dynamics.mechanics.definition import kane, kinematics
-from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 import pytest

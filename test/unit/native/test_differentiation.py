@@ -1,8 +1,8 @@
 """Differentiation of traced programs: rules, subroutines, branches, second order."""
 
+from hyperdual import HyperDual
 from kane_dynamics import Robot
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select
-from kane_dynamics.mechanics.algebra.hyperdual import HyperDual
 from kane_dynamics.native.backends.llvm_scalar import ARITHMETIC, ELEMENTARY
 from kane_dynamics.native.tracing import differentiation
 from kane_dynamics.native.tracing.differentiation import (forward, jacobian, reverse,

@@ -7,45 +7,16 @@ coordinates and along the motion. The derivatives of a frame's pose give its Jac
 used. No function is shared with `kane`, `kinematics` or `recursive`.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
+from hyperdual import joined, Parts, parts, seeded
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
-from kane_dynamics.mechanics.energy_form.energies import poses
+from kane_dynamics.mechanics.energy_form.finite_poses import poses
+from kane_dynamics.mechanics.energy_form.hamilton import PossibleMotion
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
-
-
-@dataclass(frozen=True, eq=False)
-class PossibleMotion:
-    """
-    Possible displacement and rotation of a point and axes, a row per variation.
-
-    In world axes.
-
-    Attributes
-    ----------
-    displacement, rotation : (k, 3) arrays
-        m and rad, per unit of the variation.
-    displacement_rate, rotation_rate : (k, 3) arrays
-        Their time derivatives along the motion, for constant variations.
-
-    """
-
-    displacement: Array
-    rotation: Array
-    displacement_rate: Array
-    rotation_rate: Array
-
-    def along(self, directions: Array) -> 'PossibleMotion':
-        """Return the motion for variations of q, the columns of (n_q, k)."""
-        return PossibleMotion(directions.T @ self.displacement,
-                              directions.T @ self.rotation,
-                              directions.T @ self.displacement_rate,
-                              directions.T @ self.rotation_rate)
 
 
 class FiniteMechanismState(MechanismState):

@@ -17,11 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from admissible_motion import admissible, AdmissibleMotion
+import energies
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.mechanics.energy_form.admissible_motion import (admissible,
-                                                                   AdmissibleMotion)
 import numpy as np
 
 Wrenches = Mapping[str, tuple[Any, Any]]

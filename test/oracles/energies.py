@@ -13,68 +13,16 @@ velocities in u. No function is shared with `kane`, `kinematics` or `recursive`,
 this formulation is an independent reference.
 """
 
+from hyperdual import lifted, seeded
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
-from kane_dynamics.mechanics.ball_joints import balls, joint_positions, require_angles
+from kane_dynamics.mechanics.ball_joints import joint_positions, require_angles
 from kane_dynamics.mechanics.elastic_joints import spring_energy
+from kane_dynamics.mechanics.energy_form.finite_poses import (generator, joint_matrices,
+                                                             poses)
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Joint, Model, WORLD
 import numpy as np
-
-
-def ball_matrix(quaternion: Vector) -> Matrix:
-    """Return the rotation of a quaternion, (4, 4): its products with vectors."""
-    x, y, z, w = quaternion
-    # p v p*: multiplication by p from the left and by its conjugate from the right.
-    left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
-    right = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
-    return (left @ right) * (1.0 / (quaternion @ quaternion))
-
-
-def joint_matrices(model: Model, q: Vector) -> list[Matrix]:
-    """Return the poses of the bodies in their parents at q, (n_q,); (4, 4) each."""
-    positions = joint_positions(model, q)
-    matrices = [joint_matrix(body.joint, positions) for body in model.bodies]
-    for ball in balls(model):  # the three joints of a ball joint are at 0
-        rotation = ball_matrix(ball.quaternion(q))
-        matrices[ball.body] = matrices[ball.body] @ rotation
-    return matrices
-
-
-def joint_matrix(joint: Joint, q: Vector) -> Matrix:
-    """Return the pose of a joint's body in its parent at joint positions q, (4, 4)."""
-    T = np.block([[joint.rotation, joint.translation[:, None]],
-                  [np.array([[0.0, 0.0, 0.0, 1.0]])]])
-    K, K_squared = generator(joint)
-    x = _position(joint, q)
-    if joint.kind == 'prismatic':
-        return T + (T @ K) * x
-    # Rodrigues: T exp(K x)
-    return T + (T @ K) * np.sin(x) + (T @ K_squared) * (1.0 - np.cos(x))
-
-
-def generator(joint: Joint) -> tuple[Array, Array]:
-    """Return the (4, 4) generator K of the joint's motion exp(K x), and K K."""
-    K = np.zeros((4, 4))
-    # exp(K x) is a translation by x along the axis, or a rotation by x about it.
-    if joint.kind == 'prismatic':
-        K[:3, 3] = joint.axis
-    else:
-        x, y, z = joint.axis
-        K[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    return K, K @ K
-
-
-def poses(model: Model, q: Vector) -> list[Matrix]:
-    """Return the poses of all bodies in the world, (4, 4) each."""
-    result: list[Matrix] = []
-    for body, T in zip(model.bodies, joint_matrices(model, q)):
-        if body.parent == WORLD:
-            result.append(T)
-        else:
-            result.append(result[body.parent] @ T)
-    return result
 
 
 def pose_rates(model: Model, q: Vector, u: Vector) -> list[Matrix]:
@@ -142,8 +90,8 @@ def _twisting(beam: Beam, R: Matrix, R_rate: Matrix, eta_rate: Vector) -> Scalar
     """
     Return twice the contribution of torsion to the kinetic energy, J.
 
-    A section turns by theta = psi . eta about the beam's direction e. Its second moment S
-    is that of a disc, which does not change in this rotation E(theta). So
+    A section turns by theta = psi . eta about the beam's direction e. Its second
+    moment S is that of a disc, which does not change in this rotation E(theta). So
     tr((R E)' S (R E)'^T) is the same with R' + theta' R K in place of (R E)', where
     K = E'(0) = [e]x.
     """
@@ -157,16 +105,6 @@ def _twisting(beam: Beam, R: Matrix, R_rate: Matrix, eta_rate: Vector) -> Scalar
             twisted = np.sum((twisted_rate @ S) * twisted_rate)
             total = total + twisted - np.sum((R_rate @ S) * R_rate)
     return total
-
-
-def _position(joint: Joint, q: Vector) -> Scalar:
-    """Return the position of a joint, rad or m."""
-    deflection = joint.deflection
-    if deflection is None:
-        return joint.multiplier * q[joint.coordinate] + joint.offset
-    eta = q[list(deflection.coordinates)]
-    second_order = 0.5 * ((deflection.curvature @ eta) @ eta)
-    return deflection.slope @ eta + second_order + joint.offset
 
 
 def _rate(joint: Joint, q: Vector, u: Vector) -> Scalar:

@@ -14,11 +14,11 @@ derivative.
 from dataclasses import dataclass, replace
 from typing import Any
 
+from finite_kinematics import FiniteMechanismState
+from hyperdual import joined, lifted, Parts, parts
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.hyperdual import joined, lifted, Parts, parts
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.energy_form.finite_kinematics import FiniteMechanismState
 import numpy as np
 
 
