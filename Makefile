@@ -208,14 +208,15 @@ kernel-sizes: install
 
 # C sources of the package as LLVM text without what names a processor: the package has it, so that
 # nobody else needs this compiler.
-C_SOURCES := kane_dynamics/native/runtime/message_loop.c kane_dynamics/native/python_call/entry.c
+C_SOURCES := kane_dynamics/native/runtime/loops.c kane_dynamics/native/runtime/message_loop.c kane_dynamics/native/python_call/entry.c
 LLVM_TEXTS ?= .
 llvm-texts:
 	for source in $(C_SOURCES:.c=); do made=$(LLVM_TEXTS)/$$source.ll; mkdir -p $$(dirname $$made); \
 	  clang-15 -std=c11 -O2 -ffp-contract=off -fno-strict-aliasing -fno-vectorize -fno-slp-vectorize \
 	    -fno-unroll-loops -fno-asynchronous-unwind-tables -fno-stack-protector -fno-pic -fno-ident \
 	    -S -emit-llvm -o $$made $$source.c && \
-	  sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^attributes/s/ "[^"]*"="[^"]*"//g' $$made \
+	  sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^attributes/s/ ("[^"]*"="[^"]*"|alloc[a-z]*\([^)]*\))//g' \
+	    -e 's/^(attributes .* = \{) +\}/\1 nounwind }/' $$made \
 	  || exit 1; done
 
 LINTED = $(wildcard kane_dynamics test examples benchmarks docs launch tools setup.py $(INTERFACES)/test)

@@ -40,13 +40,13 @@ import json, sys, time, warnings
 warnings.simplefilter('ignore')
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.runtime.loops import support
+from kane_dynamics.native.runtime.loops import loops
 from kane_dynamics.robot.kernel_set import IN_LOOPS
 path = sys.argv[1]
 names = load_urdf(path).joint_names
 model = load_urdf(path, joints=[name for name in names if 'finger' not in name])
 times = [time.perf_counter()]
-entry.supported(), support()
+entry.supported(), loops()
 times.append(time.perf_counter())
 robot = Robot(model)
 times.append(time.perf_counter())

@@ -26,9 +26,8 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import joint_speeds, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, checked
-from kane_dynamics.native.runtime.loops import batch_driver, support
+from kane_dynamics.native.runtime.loops import loops
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
@@ -439,8 +438,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
         The integrator is unknown.
 
     """
-    support()  # the loop that steps
-    batch_driver(width())  # and that of batches
+    loops()  # of steps and of batches
     jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
     with suppress(InputError):  # no joints follow by default
         followed = joints_that_follow(robot)

@@ -98,14 +98,13 @@ typedef struct {
   int64_t start, rows, width, stride;
 } part;
 
-typedef int64_t batch_function(void *kernel, int64_t *table, int64_t slots, int64_t size,
-                               double *low, double *high, int64_t begin, int64_t end,
-                               int64_t steps);
+/* `run_batch` of loops.c: of the words of a job, from a state to another. */
+typedef int64_t batch_function(const int64_t *job, int64_t begin, int64_t end);
 /* Batches: the kernel in SIMD lanes, null until it is compiled, and the most states. */
 typedef struct {
   void *kernel;
   batch_function *run;
-  int64_t most;
+  int64_t width, most;
 } lanes;
 
 typedef struct {
@@ -361,7 +360,9 @@ static object *small_batch(table *t, object **given, int64_t count, bool *failed
   if (!made) return 0;
   rows[ROW * (t->slots - 1)] = (int64_t)made->data;
   rows[ROW * (t->slots - 1) + 1] = 8 * t->size;
-  if (t->batches->run(t->batches->kernel, rows, t->slots, 0, 0, 0, 0, states, 1)) {
+  const int64_t job[] = {(int64_t)t->batches->kernel, (int64_t)rows, t->slots, 0, 0, 0,
+                         0, states, 1, t->batches->width, 0};
+  if (t->batches->run(job, 0, states)) {
     python->release((object *)made);
     return 0;
   }

@@ -7,7 +7,7 @@
 %struct.tuple = type { %struct.object, i64, [0 x ptr] }
 %struct.real = type { %struct.object, double }
 %struct.part = type { i64, ptr, i64, i64, i64, i64 }
-%struct.lanes = type { ptr, ptr, i64 }
+%struct.lanes = type { ptr, ptr, i64, i64 }
 %struct.list = type { %struct.object, i64, ptr }
 
 @refusal = internal unnamed_addr global ptr null, align 8
@@ -847,520 +847,546 @@ define internal fastcc ptr @otherwise(ptr nocapture noundef readonly %0, ptr nou
   %5 = alloca i64, align 8
   %6 = alloca [128 x i64], align 16
   %7 = alloca [8 x i64], align 16
-  %8 = alloca [32 x ptr], align 16
+  %8 = alloca [11 x i64], align 16
   %9 = alloca [32 x ptr], align 16
-  %10 = getelementptr inbounds %struct.array, ptr %0, i64 0, i32 1
-  %11 = load ptr, ptr %10, align 8
-  %12 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 1
-  %13 = load ptr, ptr %12, align 8
-  %14 = icmp eq ptr %3, null
-  br i1 %14, label %15, label %17
+  %10 = alloca [32 x ptr], align 16
+  %11 = getelementptr inbounds %struct.array, ptr %0, i64 0, i32 1
+  %12 = load ptr, ptr %11, align 8
+  %13 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 1
+  %14 = load ptr, ptr %13, align 8
+  %15 = icmp eq ptr %3, null
+  br i1 %15, label %16, label %18
 
-15:                                               ; preds = %4
-  %16 = icmp sgt i64 %2, 32
-  br i1 %16, label %22, label %28
+16:                                               ; preds = %4
+  %17 = icmp sgt i64 %2, 32
+  br i1 %17, label %23, label %29
 
-17:                                               ; preds = %4
-  %18 = getelementptr inbounds %struct.tuple, ptr %3, i64 0, i32 1
-  %19 = load i64, ptr %18, align 8
-  %20 = add nsw i64 %19, %2
-  %21 = icmp sgt i64 %20, 32
-  br i1 %21, label %22, label %218
+18:                                               ; preds = %4
+  %19 = getelementptr inbounds %struct.tuple, ptr %3, i64 0, i32 1
+  %20 = load i64, ptr %19, align 8
+  %21 = add nsw i64 %20, %2
+  %22 = icmp sgt i64 %21, 32
+  br i1 %22, label %23, label %232
 
-22:                                               ; preds = %17, %15
-  %23 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 17
-  %24 = load ptr, ptr %23, align 8
-  %25 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 2
-  %26 = load ptr, ptr %25, align 8
-  %27 = tail call ptr %24(ptr noundef %26, ptr noundef %1, i64 noundef %2, ptr noundef %3) #8
-  br label %347
+23:                                               ; preds = %18, %16
+  %24 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 17
+  %25 = load ptr, ptr %24, align 8
+  %26 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 2
+  %27 = load ptr, ptr %26, align 8
+  %28 = tail call ptr %25(ptr noundef %27, ptr noundef %1, i64 noundef %2, ptr noundef %3) #8
+  br label %361
 
-28:                                               ; preds = %15
-  %29 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 18
-  %30 = load ptr, ptr %29, align 8
-  %31 = icmp eq ptr %30, null
-  br i1 %31, label %212, label %32
+29:                                               ; preds = %16
+  %30 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 18
+  %31 = load ptr, ptr %30, align 8
+  %32 = icmp eq ptr %31, null
+  br i1 %32, label %226, label %33
 
-32:                                               ; preds = %28
-  %33 = load ptr, ptr %30, align 8
-  %34 = icmp eq ptr %33, null
-  br i1 %34, label %212, label %35
+33:                                               ; preds = %29
+  %34 = load ptr, ptr %31, align 8
+  %35 = icmp eq ptr %34, null
+  br i1 %35, label %226, label %36
 
-35:                                               ; preds = %32
-  %36 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 7
-  %37 = load i64, ptr %36, align 8
-  %38 = icmp eq i64 %37, 0
-  br i1 %38, label %39, label %212
+36:                                               ; preds = %33
+  %37 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 7
+  %38 = load i64, ptr %37, align 8
+  %39 = icmp eq i64 %38, 0
+  br i1 %39, label %40, label %226
 
-39:                                               ; preds = %35
-  %40 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 5
-  %41 = load i64, ptr %40, align 8
-  %42 = icmp eq i64 %41, %2
-  br i1 %42, label %43, label %212
+40:                                               ; preds = %36
+  %41 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 5
+  %42 = load i64, ptr %41, align 8
+  %43 = icmp eq i64 %42, %2
+  br i1 %43, label %44, label %226
 
-43:                                               ; preds = %39
-  %44 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 11
-  %45 = load i64, ptr %44, align 8
-  %46 = icmp sgt i64 %45, -1
-  br i1 %46, label %212, label %47
+44:                                               ; preds = %40
+  %45 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 11
+  %46 = load i64, ptr %45, align 8
+  %47 = icmp sgt i64 %46, -1
+  br i1 %47, label %226, label %48
 
-47:                                               ; preds = %43
-  %48 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 12
-  %49 = load i64, ptr %48, align 8
-  %50 = icmp sgt i64 %49, 1
-  br i1 %50, label %212, label %51
+48:                                               ; preds = %44
+  %49 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 12
+  %50 = load i64, ptr %49, align 8
+  %51 = icmp sgt i64 %50, 1
+  br i1 %51, label %226, label %52
 
-51:                                               ; preds = %47
+52:                                               ; preds = %48
   call void @llvm.lifetime.start.p0(i64 1024, ptr nonnull %6) #8
-  %52 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 9
-  %53 = load i64, ptr %52, align 8
-  %54 = shl nsw i64 %53, 5
-  call void @llvm.memset.p0.i64(ptr nonnull align 16 %6, i8 0, i64 %54, i1 false)
-  %55 = icmp sgt i64 %2, 0
-  br i1 %55, label %56, label %209
+  %53 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 9
+  %54 = load i64, ptr %53, align 8
+  %55 = shl nsw i64 %54, 5
+  call void @llvm.memset.p0.i64(ptr nonnull align 16 %6, i8 0, i64 %55, i1 false)
+  %56 = icmp sgt i64 %2, 0
+  br i1 %56, label %57, label %223
 
-56:                                               ; preds = %51
-  %57 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 6
-  %58 = load ptr, ptr %57, align 8
-  %59 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 1
-  br label %60
+57:                                               ; preds = %52
+  %58 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 6
+  %59 = load ptr, ptr %58, align 8
+  %60 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 1
+  br label %61
 
-60:                                               ; preds = %119, %56
-  %61 = phi i1 [ true, %56 ], [ %132, %119 ]
-  %62 = phi i64 [ 0, %56 ], [ %120, %119 ]
-  %63 = phi i64 [ 0, %56 ], [ %131, %119 ]
-  %64 = getelementptr inbounds ptr, ptr %1, i64 %63
-  %65 = load ptr, ptr %64, align 8
-  %66 = getelementptr inbounds %struct.argument, ptr %58, i64 %63, i32 1
-  %67 = load i64, ptr %66, align 8
-  %68 = getelementptr inbounds %struct.argument, ptr %58, i64 %63, i32 5
-  %69 = load i64, ptr %68, align 8
-  %70 = getelementptr inbounds %struct.object, ptr %65, i64 0, i32 2
-  %71 = load ptr, ptr %70, align 8
-  %72 = load ptr, ptr %13, align 8
-  %73 = icmp eq ptr %71, %72
-  br i1 %73, label %74, label %209
+61:                                               ; preds = %120, %57
+  %62 = phi i1 [ true, %57 ], [ %133, %120 ]
+  %63 = phi i64 [ 0, %57 ], [ %121, %120 ]
+  %64 = phi i64 [ 0, %57 ], [ %132, %120 ]
+  %65 = getelementptr inbounds ptr, ptr %1, i64 %64
+  %66 = load ptr, ptr %65, align 8
+  %67 = getelementptr inbounds %struct.argument, ptr %59, i64 %64, i32 1
+  %68 = load i64, ptr %67, align 8
+  %69 = getelementptr inbounds %struct.argument, ptr %59, i64 %64, i32 5
+  %70 = load i64, ptr %69, align 8
+  %71 = getelementptr inbounds %struct.object, ptr %66, i64 0, i32 2
+  %72 = load ptr, ptr %71, align 8
+  %73 = load ptr, ptr %14, align 8
+  %74 = icmp eq ptr %72, %73
+  br i1 %74, label %75, label %223
 
-74:                                               ; preds = %60
-  %75 = add nsw i64 %67, 1
-  %76 = getelementptr inbounds %struct.array, ptr %65, i64 0, i32 2
-  %77 = load i32, ptr %76, align 8
-  %78 = sext i32 %77 to i64
-  %79 = icmp eq i64 %75, %78
-  br i1 %79, label %80, label %209
+75:                                               ; preds = %61
+  %76 = add nsw i64 %68, 1
+  %77 = getelementptr inbounds %struct.array, ptr %66, i64 0, i32 2
+  %78 = load i32, ptr %77, align 8
+  %79 = sext i32 %78 to i64
+  %80 = icmp eq i64 %76, %79
+  br i1 %80, label %81, label %223
 
-80:                                               ; preds = %74
-  %81 = getelementptr inbounds %struct.array, ptr %65, i64 0, i32 7
-  %82 = load ptr, ptr %81, align 8
-  %83 = load ptr, ptr %59, align 8
-  %84 = icmp eq ptr %82, %83
-  br i1 %84, label %85, label %209
+81:                                               ; preds = %75
+  %82 = getelementptr inbounds %struct.array, ptr %66, i64 0, i32 7
+  %83 = load ptr, ptr %82, align 8
+  %84 = load ptr, ptr %60, align 8
+  %85 = icmp eq ptr %83, %84
+  br i1 %85, label %86, label %223
 
-85:                                               ; preds = %80
-  %86 = getelementptr inbounds %struct.array, ptr %65, i64 0, i32 8
-  %87 = load i32, ptr %86, align 8
-  %88 = sext i32 %87 to i64
-  %89 = and i64 %69, %88
-  %90 = icmp eq i64 %89, %69
-  br i1 %90, label %91, label %209
+86:                                               ; preds = %81
+  %87 = getelementptr inbounds %struct.array, ptr %66, i64 0, i32 8
+  %88 = load i32, ptr %87, align 8
+  %89 = sext i32 %88 to i64
+  %90 = and i64 %70, %89
+  %91 = icmp eq i64 %90, %70
+  br i1 %91, label %92, label %223
 
-91:                                               ; preds = %85
-  %92 = getelementptr inbounds %struct.argument, ptr %58, i64 %63, i32 3
-  %93 = load ptr, ptr %92, align 8
-  %94 = icmp sgt i64 %67, 0
-  %95 = getelementptr inbounds %struct.array, ptr %65, i64 0, i32 4
-  %96 = load ptr, ptr %95, align 8
-  br i1 %94, label %97, label %114
+92:                                               ; preds = %86
+  %93 = getelementptr inbounds %struct.argument, ptr %59, i64 %64, i32 3
+  %94 = load ptr, ptr %93, align 8
+  %95 = icmp sgt i64 %68, 0
+  %96 = getelementptr inbounds %struct.array, ptr %66, i64 0, i32 4
+  %97 = load ptr, ptr %96, align 8
+  br i1 %95, label %98, label %115
 
-97:                                               ; preds = %91
-  %98 = getelementptr inbounds i64, ptr %96, i64 1
-  %99 = load i64, ptr %98, align 8
-  %100 = load i64, ptr %93, align 8
-  %101 = icmp eq i64 %99, %100
-  br i1 %101, label %102, label %134
+98:                                               ; preds = %92
+  %99 = getelementptr inbounds i64, ptr %97, i64 1
+  %100 = load i64, ptr %99, align 8
+  %101 = load i64, ptr %94, align 8
+  %102 = icmp eq i64 %100, %101
+  br i1 %102, label %103, label %135
 
-102:                                              ; preds = %97, %105
-  %103 = phi i64 [ %106, %105 ], [ 1, %97 ]
-  %104 = icmp eq i64 %103, %67
-  br i1 %104, label %114, label %105, !llvm.loop !7
+103:                                              ; preds = %98, %106
+  %104 = phi i64 [ %107, %106 ], [ 1, %98 ]
+  %105 = icmp eq i64 %104, %68
+  br i1 %105, label %115, label %106, !llvm.loop !7
 
-105:                                              ; preds = %102
-  %106 = add nuw nsw i64 %103, 1
-  %107 = getelementptr inbounds i64, ptr %96, i64 %106
-  %108 = load i64, ptr %107, align 8
-  %109 = getelementptr inbounds i64, ptr %93, i64 %103
-  %110 = load i64, ptr %109, align 8
-  %111 = icmp eq i64 %108, %110
-  br i1 %111, label %102, label %112, !llvm.loop !7
+106:                                              ; preds = %103
+  %107 = add nuw nsw i64 %104, 1
+  %108 = getelementptr inbounds i64, ptr %97, i64 %107
+  %109 = load i64, ptr %108, align 8
+  %110 = getelementptr inbounds i64, ptr %94, i64 %104
+  %111 = load i64, ptr %110, align 8
+  %112 = icmp eq i64 %109, %111
+  br i1 %112, label %103, label %113, !llvm.loop !7
 
-112:                                              ; preds = %105
-  %113 = icmp slt i64 %103, %67
-  br i1 %113, label %134, label %114
+113:                                              ; preds = %106
+  %114 = icmp slt i64 %104, %68
+  br i1 %114, label %135, label %115
 
-114:                                              ; preds = %102, %91, %112
-  %115 = icmp eq i64 %63, 0
-  %116 = load i64, ptr %96, align 8
-  br i1 %115, label %119, label %117
+115:                                              ; preds = %103, %92, %113
+  %116 = icmp eq i64 %64, 0
+  %117 = load i64, ptr %97, align 8
+  br i1 %116, label %120, label %118
 
-117:                                              ; preds = %114
-  %118 = icmp eq i64 %116, %62
-  br i1 %118, label %119, label %134
+118:                                              ; preds = %115
+  %119 = icmp eq i64 %117, %63
+  br i1 %119, label %120, label %135
 
-119:                                              ; preds = %117, %114
-  %120 = phi i64 [ %62, %117 ], [ %116, %114 ]
-  %121 = getelementptr inbounds %struct.array, ptr %65, i64 0, i32 1
-  %122 = load ptr, ptr %121, align 8
-  %123 = ptrtoint ptr %122 to i64
-  %124 = shl nsw i64 %63, 2
-  %125 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %124
-  store i64 %123, ptr %125, align 16
-  %126 = getelementptr inbounds %struct.argument, ptr %58, i64 %63, i32 2
-  %127 = load i64, ptr %126, align 8
-  %128 = shl nsw i64 %127, 3
-  %129 = or i64 %124, 1
-  %130 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %129
-  store i64 %128, ptr %130, align 8
-  %131 = add nuw nsw i64 %63, 1
-  %132 = icmp slt i64 %131, %2
-  %133 = icmp eq i64 %131, %2
-  br i1 %133, label %134, label %60, !llvm.loop !18
+120:                                              ; preds = %118, %115
+  %121 = phi i64 [ %63, %118 ], [ %117, %115 ]
+  %122 = getelementptr inbounds %struct.array, ptr %66, i64 0, i32 1
+  %123 = load ptr, ptr %122, align 8
+  %124 = ptrtoint ptr %123 to i64
+  %125 = shl nsw i64 %64, 2
+  %126 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %125
+  store i64 %124, ptr %126, align 16
+  %127 = getelementptr inbounds %struct.argument, ptr %59, i64 %64, i32 2
+  %128 = load i64, ptr %127, align 8
+  %129 = shl nsw i64 %128, 3
+  %130 = or i64 %125, 1
+  %131 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %130
+  store i64 %129, ptr %131, align 8
+  %132 = add nuw nsw i64 %64, 1
+  %133 = icmp slt i64 %132, %2
+  %134 = icmp eq i64 %132, %2
+  br i1 %134, label %135, label %61, !llvm.loop !18
 
-134:                                              ; preds = %119, %117, %112, %97
-  %135 = phi i64 [ %120, %119 ], [ %62, %117 ], [ %62, %97 ], [ %62, %112 ]
-  %136 = phi i1 [ %132, %119 ], [ %61, %117 ], [ %61, %97 ], [ %61, %112 ]
-  %137 = icmp slt i64 %135, 1
-  %138 = select i1 %136, i1 true, i1 %137
-  br i1 %138, label %209, label %139
+135:                                              ; preds = %120, %118, %113, %98
+  %136 = phi i64 [ %121, %120 ], [ %63, %118 ], [ %63, %98 ], [ %63, %113 ]
+  %137 = phi i1 [ %133, %120 ], [ %62, %118 ], [ %62, %98 ], [ %62, %113 ]
+  %138 = icmp slt i64 %136, 1
+  %139 = select i1 %137, i1 true, i1 %138
+  br i1 %139, label %223, label %140
 
-139:                                              ; preds = %134
-  %140 = getelementptr inbounds %struct.lanes, ptr %30, i64 0, i32 2
-  %141 = load i64, ptr %140, align 8
-  %142 = icmp sgt i64 %135, %141
-  br i1 %142, label %209, label %143
+140:                                              ; preds = %135
+  %141 = getelementptr inbounds %struct.lanes, ptr %31, i64 0, i32 3
+  %142 = load i64, ptr %141, align 8
+  %143 = icmp sgt i64 %136, %142
+  br i1 %143, label %223, label %144
 
-143:                                              ; preds = %139
-  %144 = add nsw i64 %53, -1
-  %145 = icmp sgt i64 %144, %2
-  br i1 %145, label %146, label %149
+144:                                              ; preds = %140
+  %145 = add nsw i64 %54, -1
+  %146 = icmp sgt i64 %145, %2
+  br i1 %146, label %147, label %150
 
-146:                                              ; preds = %143
-  %147 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 10
-  %148 = load ptr, ptr %147, align 8
-  br label %151
+147:                                              ; preds = %144
+  %148 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 10
+  %149 = load ptr, ptr %148, align 8
+  br label %152
 
-149:                                              ; preds = %151, %143
+150:                                              ; preds = %152, %144
   call void @llvm.lifetime.start.p0(i64 64, ptr nonnull %7) #8
   call void @llvm.memset.p0.i64(ptr noundef nonnull align 16 dereferenceable(64) %7, i8 0, i64 64, i1 false)
-  store i64 %135, ptr %7, align 16
-  %150 = icmp eq i64 %49, 0
-  br i1 %150, label %167, label %160
+  store i64 %136, ptr %7, align 16
+  %151 = icmp eq i64 %50, 0
+  br i1 %151, label %168, label %161
 
-151:                                              ; preds = %151, %146
-  %152 = phi i64 [ %2, %146 ], [ %158, %151 ]
-  %153 = getelementptr inbounds ptr, ptr %148, i64 %152
-  %154 = load ptr, ptr %153, align 8
-  %155 = ptrtoint ptr %154 to i64
-  %156 = shl nsw i64 %152, 2
-  %157 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %156
-  store i64 %155, ptr %157, align 16
-  %158 = add nsw i64 %152, 1
-  %159 = icmp eq i64 %158, %144
-  br i1 %159, label %149, label %151, !llvm.loop !19
+152:                                              ; preds = %152, %147
+  %153 = phi i64 [ %2, %147 ], [ %159, %152 ]
+  %154 = getelementptr inbounds ptr, ptr %149, i64 %153
+  %155 = load ptr, ptr %154, align 8
+  %156 = ptrtoint ptr %155 to i64
+  %157 = shl nsw i64 %153, 2
+  %158 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %157
+  store i64 %156, ptr %158, align 16
+  %159 = add nsw i64 %153, 1
+  %160 = icmp eq i64 %159, %145
+  br i1 %160, label %150, label %152, !llvm.loop !19
 
-160:                                              ; preds = %149
-  %161 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 13
-  %162 = load ptr, ptr %161, align 8
-  %163 = load i64, ptr %162, align 8
-  %164 = icmp sgt i64 %163, 0
-  br i1 %164, label %165, label %167
+161:                                              ; preds = %150
+  %162 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 13
+  %163 = load ptr, ptr %162, align 8
+  %164 = load i64, ptr %163, align 8
+  %165 = icmp sgt i64 %164, 0
+  br i1 %165, label %166, label %168
 
-165:                                              ; preds = %160
-  %166 = getelementptr inbounds %struct.part, ptr %162, i64 0, i32 1
-  br label %177
+166:                                              ; preds = %161
+  %167 = getelementptr inbounds %struct.part, ptr %163, i64 0, i32 1
+  br label %178
 
-167:                                              ; preds = %177, %160, %149
-  %168 = phi i64 [ %163, %160 ], [ 0, %149 ], [ %163, %177 ]
-  %169 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 9
-  %170 = load ptr, ptr %169, align 8
-  %171 = load ptr, ptr %13, align 8
-  %172 = trunc i64 %168 to i32
-  %173 = add nsw i32 %172, 1
-  %174 = call ptr %170(ptr noundef %171, i32 noundef %173, ptr noundef nonnull %7, i32 noundef 12, ptr noundef null, ptr noundef null, i32 noundef 0, i32 noundef 0, ptr noundef null) #8
-  %175 = icmp eq ptr %174, null
-  %176 = zext i1 %175 to i8
-  br i1 %175, label %207, label %185
+168:                                              ; preds = %178, %161, %150
+  %169 = phi i64 [ %164, %161 ], [ 0, %150 ], [ %164, %178 ]
+  %170 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 9
+  %171 = load ptr, ptr %170, align 8
+  %172 = load ptr, ptr %14, align 8
+  %173 = trunc i64 %169 to i32
+  %174 = add nsw i32 %173, 1
+  %175 = call ptr %171(ptr noundef %172, i32 noundef %174, ptr noundef nonnull %7, i32 noundef 12, ptr noundef null, ptr noundef null, i32 noundef 0, i32 noundef 0, ptr noundef null) #8
+  %176 = icmp eq ptr %175, null
+  %177 = zext i1 %176 to i8
+  br i1 %176, label %221, label %186
 
-177:                                              ; preds = %177, %165
-  %178 = phi i64 [ 0, %165 ], [ %182, %177 ]
-  %179 = load ptr, ptr %166, align 8
-  %180 = getelementptr inbounds i64, ptr %179, i64 %178
-  %181 = load i64, ptr %180, align 8
-  %182 = add nuw nsw i64 %178, 1
-  %183 = getelementptr inbounds [8 x i64], ptr %7, i64 0, i64 %182
-  store i64 %181, ptr %183, align 8
-  %184 = icmp eq i64 %182, %163
-  br i1 %184, label %167, label %177, !llvm.loop !20
+178:                                              ; preds = %178, %166
+  %179 = phi i64 [ 0, %166 ], [ %183, %178 ]
+  %180 = load ptr, ptr %167, align 8
+  %181 = getelementptr inbounds i64, ptr %180, i64 %179
+  %182 = load i64, ptr %181, align 8
+  %183 = add nuw nsw i64 %179, 1
+  %184 = getelementptr inbounds [8 x i64], ptr %7, i64 0, i64 %183
+  store i64 %182, ptr %184, align 8
+  %185 = icmp eq i64 %183, %164
+  br i1 %185, label %168, label %178, !llvm.loop !20
 
-185:                                              ; preds = %167
-  %186 = getelementptr inbounds %struct.array, ptr %174, i64 0, i32 1
-  %187 = load ptr, ptr %186, align 8
-  %188 = ptrtoint ptr %187 to i64
-  %189 = load i64, ptr %52, align 8
-  %190 = shl i64 %189, 2
-  %191 = add i64 %190, -4
-  %192 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %191
-  store i64 %188, ptr %192, align 16
-  %193 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 14
-  %194 = load i64, ptr %193, align 8
-  %195 = shl nsw i64 %194, 3
-  %196 = add i64 %190, -3
-  %197 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %196
-  store i64 %195, ptr %197, align 8
-  %198 = load ptr, ptr %29, align 8
-  %199 = getelementptr inbounds %struct.lanes, ptr %198, i64 0, i32 1
+186:                                              ; preds = %168
+  %187 = getelementptr inbounds %struct.array, ptr %175, i64 0, i32 1
+  %188 = load ptr, ptr %187, align 8
+  %189 = ptrtoint ptr %188 to i64
+  %190 = load i64, ptr %53, align 8
+  %191 = shl i64 %190, 2
+  %192 = add i64 %191, -4
+  %193 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %192
+  store i64 %189, ptr %193, align 16
+  %194 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 14
+  %195 = load i64, ptr %194, align 8
+  %196 = shl nsw i64 %195, 3
+  %197 = add i64 %191, -3
+  %198 = getelementptr inbounds [128 x i64], ptr %6, i64 0, i64 %197
+  store i64 %196, ptr %198, align 8
+  call void @llvm.lifetime.start.p0(i64 88, ptr nonnull %8) #8
+  %199 = load ptr, ptr %30, align 8
   %200 = load ptr, ptr %199, align 8
-  %201 = load ptr, ptr %198, align 8
-  %202 = call i64 %200(ptr noundef %201, ptr noundef nonnull %6, i64 noundef %189, i64 noundef 0, ptr noundef null, ptr noundef null, i64 noundef 0, i64 noundef %135, i64 noundef 1) #8
-  %203 = icmp eq i64 %202, 0
-  br i1 %203, label %207, label %204
+  %201 = ptrtoint ptr %200 to i64
+  store i64 %201, ptr %8, align 16
+  %202 = getelementptr inbounds i64, ptr %8, i64 1
+  %203 = ptrtoint ptr %6 to i64
+  store i64 %203, ptr %202, align 8
+  %204 = getelementptr inbounds i64, ptr %8, i64 2
+  store i64 %190, ptr %204, align 16
+  %205 = getelementptr inbounds i64, ptr %8, i64 3
+  %206 = getelementptr inbounds i64, ptr %8, i64 7
+  call void @llvm.memset.p0.i64(ptr noundef nonnull align 8 dereferenceable(32) %205, i8 0, i64 32, i1 false)
+  store i64 %136, ptr %206, align 8
+  %207 = getelementptr inbounds i64, ptr %8, i64 8
+  store i64 1, ptr %207, align 16
+  %208 = getelementptr inbounds i64, ptr %8, i64 9
+  %209 = getelementptr inbounds %struct.lanes, ptr %199, i64 0, i32 2
+  %210 = load i64, ptr %209, align 8
+  store i64 %210, ptr %208, align 8
+  %211 = getelementptr inbounds i64, ptr %8, i64 10
+  store i64 0, ptr %211, align 16
+  %212 = getelementptr inbounds %struct.lanes, ptr %199, i64 0, i32 1
+  %213 = load ptr, ptr %212, align 8
+  %214 = call i64 %213(ptr noundef nonnull %8, i64 noundef 0, i64 noundef %136) #8
+  %215 = icmp eq i64 %214, 0
+  br i1 %215, label %219, label %216
 
-204:                                              ; preds = %185
-  %205 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 15
-  %206 = load ptr, ptr %205, align 8
-  call void %206(ptr noundef nonnull %174) #8
-  br label %207
+216:                                              ; preds = %186
+  %217 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 15
+  %218 = load ptr, ptr %217, align 8
+  call void %218(ptr noundef nonnull %175) #8
+  br label %219
 
-207:                                              ; preds = %204, %185, %167
-  %208 = phi ptr [ null, %204 ], [ null, %167 ], [ %174, %185 ]
+219:                                              ; preds = %216, %186
+  %220 = phi ptr [ null, %216 ], [ %175, %186 ]
+  call void @llvm.lifetime.end.p0(i64 88, ptr nonnull %8) #8
+  br label %221
+
+221:                                              ; preds = %219, %168
+  %222 = phi ptr [ %220, %219 ], [ null, %168 ]
   call void @llvm.lifetime.end.p0(i64 64, ptr nonnull %7) #8
-  br label %209
+  br label %223
 
-209:                                              ; preds = %85, %80, %74, %60, %207, %139, %134, %51
-  %210 = phi i8 [ 0, %134 ], [ 0, %139 ], [ %176, %207 ], [ 0, %51 ], [ 0, %60 ], [ 0, %74 ], [ 0, %80 ], [ 0, %85 ]
-  %211 = phi ptr [ null, %134 ], [ null, %139 ], [ %208, %207 ], [ null, %51 ], [ null, %60 ], [ null, %74 ], [ null, %80 ], [ null, %85 ]
+223:                                              ; preds = %86, %81, %75, %61, %221, %140, %135, %52
+  %224 = phi i8 [ 0, %135 ], [ 0, %140 ], [ %177, %221 ], [ 0, %52 ], [ 0, %61 ], [ 0, %75 ], [ 0, %81 ], [ 0, %86 ]
+  %225 = phi ptr [ null, %135 ], [ null, %140 ], [ %222, %221 ], [ null, %52 ], [ null, %61 ], [ null, %75 ], [ null, %81 ], [ null, %86 ]
   call void @llvm.lifetime.end.p0(i64 1024, ptr nonnull %6) #8
-  br label %212
+  br label %226
 
-212:                                              ; preds = %28, %32, %35, %39, %43, %47, %209
-  %213 = phi i8 [ 0, %28 ], [ 0, %32 ], [ 0, %43 ], [ 0, %47 ], [ %210, %209 ], [ 0, %39 ], [ 0, %35 ]
-  %214 = phi ptr [ null, %28 ], [ null, %32 ], [ null, %43 ], [ null, %47 ], [ %211, %209 ], [ null, %39 ], [ null, %35 ]
-  %215 = icmp eq ptr %214, null
-  %216 = icmp eq i8 %213, 0
-  %217 = select i1 %215, i1 %216, i1 false
-  br i1 %217, label %218, label %347
+226:                                              ; preds = %29, %33, %36, %40, %44, %48, %223
+  %227 = phi i8 [ 0, %29 ], [ 0, %33 ], [ 0, %44 ], [ 0, %48 ], [ %224, %223 ], [ 0, %40 ], [ 0, %36 ]
+  %228 = phi ptr [ null, %29 ], [ null, %33 ], [ null, %44 ], [ null, %48 ], [ %225, %223 ], [ null, %40 ], [ null, %36 ]
+  %229 = icmp eq ptr %228, null
+  %230 = icmp eq i8 %227, 0
+  %231 = select i1 %229, i1 %230, i1 false
+  br i1 %231, label %232, label %361
 
-218:                                              ; preds = %17, %212
-  %219 = phi i64 [ %2, %212 ], [ %20, %17 ]
-  call void @llvm.lifetime.start.p0(i64 256, ptr nonnull %8) #8
+232:                                              ; preds = %18, %226
+  %233 = phi i64 [ %2, %226 ], [ %21, %18 ]
   call void @llvm.lifetime.start.p0(i64 256, ptr nonnull %9) #8
-  %220 = icmp sgt i64 %219, 0
-  br i1 %220, label %221, label %325
+  call void @llvm.lifetime.start.p0(i64 256, ptr nonnull %10) #8
+  %234 = icmp sgt i64 %233, 0
+  br i1 %234, label %235, label %339
 
-221:                                              ; preds = %218
-  %222 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 5
-  %223 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 6
-  %224 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 9
-  %225 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 2
-  %226 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 4
-  %227 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 3
-  %228 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 12
-  %229 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 13
-  %230 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 14
-  %231 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 15
-  br label %235
+235:                                              ; preds = %232
+  %236 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 5
+  %237 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 6
+  %238 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 9
+  %239 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 2
+  %240 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 4
+  %241 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 3
+  %242 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 12
+  %243 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 13
+  %244 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 14
+  %245 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 15
+  br label %249
 
-232:                                              ; preds = %314
-  %233 = icmp ne i64 %316, 0
-  %234 = select i1 %320, i1 %233, i1 false
-  br i1 %234, label %322, label %324
+246:                                              ; preds = %328
+  %247 = icmp ne i64 %330, 0
+  %248 = select i1 %334, i1 %247, i1 false
+  br i1 %248, label %336, label %338
 
-235:                                              ; preds = %221, %314
-  %236 = phi i64 [ 0, %221 ], [ %317, %314 ]
-  %237 = phi i64 [ 0, %221 ], [ %316, %314 ]
-  %238 = phi i8 [ 0, %221 ], [ %315, %314 ]
-  %239 = getelementptr inbounds ptr, ptr %1, i64 %236
-  %240 = load ptr, ptr %239, align 8
-  %241 = getelementptr inbounds [32 x ptr], ptr %8, i64 0, i64 %236
-  store ptr %240, ptr %241, align 8
-  %242 = icmp slt i64 %236, %2
-  br i1 %242, label %243, label %314
+249:                                              ; preds = %235, %328
+  %250 = phi i64 [ 0, %235 ], [ %331, %328 ]
+  %251 = phi i64 [ 0, %235 ], [ %330, %328 ]
+  %252 = phi i8 [ 0, %235 ], [ %329, %328 ]
+  %253 = getelementptr inbounds ptr, ptr %1, i64 %250
+  %254 = load ptr, ptr %253, align 8
+  %255 = getelementptr inbounds [32 x ptr], ptr %9, i64 0, i64 %250
+  store ptr %254, ptr %255, align 8
+  %256 = icmp slt i64 %250, %2
+  br i1 %256, label %257, label %328
 
-243:                                              ; preds = %235
-  %244 = getelementptr inbounds %struct.object, ptr %240, i64 0, i32 2
-  %245 = load ptr, ptr %244, align 8
-  %246 = load ptr, ptr %222, align 8
-  %247 = icmp eq ptr %245, %246
-  br i1 %247, label %251, label %248
+257:                                              ; preds = %249
+  %258 = getelementptr inbounds %struct.object, ptr %254, i64 0, i32 2
+  %259 = load ptr, ptr %258, align 8
+  %260 = load ptr, ptr %236, align 8
+  %261 = icmp eq ptr %259, %260
+  br i1 %261, label %265, label %262
 
-248:                                              ; preds = %243
-  %249 = load ptr, ptr %223, align 8
-  %250 = icmp eq ptr %245, %249
-  br i1 %250, label %251, label %314
+262:                                              ; preds = %257
+  %263 = load ptr, ptr %237, align 8
+  %264 = icmp eq ptr %259, %263
+  br i1 %264, label %265, label %328
 
-251:                                              ; preds = %248, %243
+265:                                              ; preds = %262, %257
   call void @llvm.lifetime.start.p0(i64 8, ptr nonnull %5) #8
-  %252 = getelementptr inbounds %struct.list, ptr %240, i64 0, i32 1
-  %253 = load i64, ptr %252, align 8
-  store i64 %253, ptr %5, align 8
-  %254 = load ptr, ptr %224, align 8
-  %255 = load ptr, ptr %13, align 8
-  %256 = call ptr %254(ptr noundef %255, i32 noundef 1, ptr noundef nonnull %5, i32 noundef 12, ptr noundef null, ptr noundef null, i32 noundef 0, i32 noundef 0, ptr noundef null) #8
-  %257 = icmp eq ptr %256, null
-  %258 = zext i1 %257 to i8
-  br i1 %257, label %310, label %259
+  %266 = getelementptr inbounds %struct.list, ptr %254, i64 0, i32 1
+  %267 = load i64, ptr %266, align 8
+  store i64 %267, ptr %5, align 8
+  %268 = load ptr, ptr %238, align 8
+  %269 = load ptr, ptr %14, align 8
+  %270 = call ptr %268(ptr noundef %269, i32 noundef 1, ptr noundef nonnull %5, i32 noundef 12, ptr noundef null, ptr noundef null, i32 noundef 0, i32 noundef 0, ptr noundef null) #8
+  %271 = icmp eq ptr %270, null
+  %272 = zext i1 %271 to i8
+  br i1 %271, label %324, label %273
 
-259:                                              ; preds = %251
-  br i1 %247, label %260, label %263
+273:                                              ; preds = %265
+  br i1 %261, label %274, label %277
 
-260:                                              ; preds = %259
-  %261 = getelementptr inbounds %struct.list, ptr %240, i64 0, i32 2
-  %262 = load ptr, ptr %261, align 8
-  br label %265
+274:                                              ; preds = %273
+  %275 = getelementptr inbounds %struct.list, ptr %254, i64 0, i32 2
+  %276 = load ptr, ptr %275, align 8
+  br label %279
 
-263:                                              ; preds = %259
-  %264 = getelementptr inbounds %struct.tuple, ptr %240, i64 0, i32 2
-  br label %265
+277:                                              ; preds = %273
+  %278 = getelementptr inbounds %struct.tuple, ptr %254, i64 0, i32 2
+  br label %279
 
-265:                                              ; preds = %263, %260
-  %266 = phi ptr [ %262, %260 ], [ %264, %263 ]
-  %267 = load i64, ptr %252, align 8
-  %268 = load i64, ptr %5, align 8
-  %269 = icmp eq i64 %267, %268
-  %270 = icmp sgt i64 %268, 0
-  %271 = and i1 %269, %270
-  br i1 %271, label %272, label %274
+279:                                              ; preds = %277, %274
+  %280 = phi ptr [ %276, %274 ], [ %278, %277 ]
+  %281 = load i64, ptr %266, align 8
+  %282 = load i64, ptr %5, align 8
+  %283 = icmp eq i64 %281, %282
+  %284 = icmp sgt i64 %282, 0
+  %285 = and i1 %283, %284
+  br i1 %285, label %286, label %288
 
-272:                                              ; preds = %265
-  %273 = getelementptr inbounds %struct.array, ptr %256, i64 0, i32 1
-  br label %275
+286:                                              ; preds = %279
+  %287 = getelementptr inbounds %struct.array, ptr %270, i64 0, i32 1
+  br label %289
 
-274:                                              ; preds = %265
-  br i1 %269, label %311, label %308
+288:                                              ; preds = %279
+  br i1 %283, label %325, label %322
 
-275:                                              ; preds = %304, %272
-  %276 = phi i64 [ 0, %272 ], [ %305, %304 ]
-  %277 = load ptr, ptr %273, align 8
-  %278 = getelementptr inbounds double, ptr %277, i64 %276
-  %279 = getelementptr inbounds ptr, ptr %266, i64 %276
-  %280 = load ptr, ptr %279, align 8
-  %281 = getelementptr inbounds %struct.object, ptr %280, i64 0, i32 2
-  %282 = load ptr, ptr %281, align 8
-  %283 = load ptr, ptr %225, align 8
-  %284 = icmp eq ptr %282, %283
-  br i1 %284, label %288, label %285
+289:                                              ; preds = %318, %286
+  %290 = phi i64 [ 0, %286 ], [ %319, %318 ]
+  %291 = load ptr, ptr %287, align 8
+  %292 = getelementptr inbounds double, ptr %291, i64 %290
+  %293 = getelementptr inbounds ptr, ptr %280, i64 %290
+  %294 = load ptr, ptr %293, align 8
+  %295 = getelementptr inbounds %struct.object, ptr %294, i64 0, i32 2
+  %296 = load ptr, ptr %295, align 8
+  %297 = load ptr, ptr %239, align 8
+  %298 = icmp eq ptr %296, %297
+  br i1 %298, label %302, label %299
 
-285:                                              ; preds = %275
-  %286 = load ptr, ptr %226, align 8
-  %287 = icmp eq ptr %282, %286
-  br i1 %287, label %288, label %291
+299:                                              ; preds = %289
+  %300 = load ptr, ptr %240, align 8
+  %301 = icmp eq ptr %296, %300
+  br i1 %301, label %302, label %305
 
-288:                                              ; preds = %285, %275
-  %289 = getelementptr inbounds %struct.real, ptr %280, i64 0, i32 1
-  %290 = load double, ptr %289, align 8
-  store double %290, ptr %278, align 8
-  br label %304
+302:                                              ; preds = %299, %289
+  %303 = getelementptr inbounds %struct.real, ptr %294, i64 0, i32 1
+  %304 = load double, ptr %303, align 8
+  store double %304, ptr %292, align 8
+  br label %318
 
-291:                                              ; preds = %285
-  %292 = load ptr, ptr %227, align 8
-  %293 = icmp eq ptr %282, %292
-  br i1 %293, label %294, label %308
+305:                                              ; preds = %299
+  %306 = load ptr, ptr %241, align 8
+  %307 = icmp eq ptr %296, %306
+  br i1 %307, label %308, label %322
 
-294:                                              ; preds = %291
-  %295 = load ptr, ptr %228, align 8
-  %296 = call double %295(ptr noundef nonnull %280) #8
-  store double %296, ptr %278, align 8
-  %297 = fcmp oeq double %296, -1.000000e+00
-  br i1 %297, label %298, label %304
+308:                                              ; preds = %305
+  %309 = load ptr, ptr %242, align 8
+  %310 = call double %309(ptr noundef nonnull %294) #8
+  store double %310, ptr %292, align 8
+  %311 = fcmp oeq double %310, -1.000000e+00
+  br i1 %311, label %312, label %318
 
-298:                                              ; preds = %294
-  %299 = load ptr, ptr %229, align 8
-  %300 = call ptr %299() #8
-  %301 = icmp eq ptr %300, null
-  br i1 %301, label %304, label %302
+312:                                              ; preds = %308
+  %313 = load ptr, ptr %243, align 8
+  %314 = call ptr %313() #8
+  %315 = icmp eq ptr %314, null
+  br i1 %315, label %318, label %316
 
-302:                                              ; preds = %298
-  %303 = load ptr, ptr %230, align 8
-  call void %303() #8
-  br label %308
+316:                                              ; preds = %312
+  %317 = load ptr, ptr %244, align 8
+  call void %317() #8
+  br label %322
 
-304:                                              ; preds = %298, %294, %288
-  %305 = add nuw nsw i64 %276, 1
-  %306 = load i64, ptr %5, align 8
-  %307 = icmp slt i64 %305, %306
-  br i1 %307, label %275, label %311, !llvm.loop !21
+318:                                              ; preds = %312, %308, %302
+  %319 = add nuw nsw i64 %290, 1
+  %320 = load i64, ptr %5, align 8
+  %321 = icmp slt i64 %319, %320
+  br i1 %321, label %289, label %325, !llvm.loop !21
 
-308:                                              ; preds = %291, %302, %274
-  %309 = load ptr, ptr %231, align 8
-  call void %309(ptr noundef nonnull %256) #8
-  br label %310
+322:                                              ; preds = %305, %316, %288
+  %323 = load ptr, ptr %245, align 8
+  call void %323(ptr noundef nonnull %270) #8
+  br label %324
 
-310:                                              ; preds = %251, %308
+324:                                              ; preds = %265, %322
   call void @llvm.lifetime.end.p0(i64 8, ptr nonnull %5) #8
-  br label %314
+  br label %328
 
-311:                                              ; preds = %304, %274
+325:                                              ; preds = %318, %288
   call void @llvm.lifetime.end.p0(i64 8, ptr nonnull %5) #8
-  %312 = add nsw i64 %237, 1
-  %313 = getelementptr inbounds [32 x ptr], ptr %9, i64 0, i64 %237
-  store ptr %256, ptr %313, align 8
-  store ptr %256, ptr %241, align 8
-  br label %314
+  %326 = add nsw i64 %251, 1
+  %327 = getelementptr inbounds [32 x ptr], ptr %10, i64 0, i64 %251
+  store ptr %270, ptr %327, align 8
+  store ptr %270, ptr %255, align 8
+  br label %328
 
-314:                                              ; preds = %248, %235, %310, %311
-  %315 = phi i8 [ %258, %311 ], [ %258, %310 ], [ %238, %235 ], [ %238, %248 ]
-  %316 = phi i64 [ %312, %311 ], [ %237, %310 ], [ %237, %235 ], [ %237, %248 ]
-  %317 = add nuw nsw i64 %236, 1
-  %318 = icmp slt i64 %317, %219
-  %319 = and i8 %315, 1
-  %320 = icmp eq i8 %319, 0
-  %321 = select i1 %318, i1 %320, i1 false
-  br i1 %321, label %235, label %232, !llvm.loop !22
+328:                                              ; preds = %262, %249, %324, %325
+  %329 = phi i8 [ %272, %325 ], [ %272, %324 ], [ %252, %249 ], [ %252, %262 ]
+  %330 = phi i64 [ %326, %325 ], [ %251, %324 ], [ %251, %249 ], [ %251, %262 ]
+  %331 = add nuw nsw i64 %250, 1
+  %332 = icmp slt i64 %331, %233
+  %333 = and i8 %329, 1
+  %334 = icmp eq i8 %333, 0
+  %335 = select i1 %332, i1 %334, i1 false
+  br i1 %335, label %249, label %246, !llvm.loop !22
 
-322:                                              ; preds = %232
-  %323 = call ptr @entry(ptr noundef %0, ptr noundef nonnull %8, i64 noundef %2, ptr noundef %3)
-  br label %333
-
-324:                                              ; preds = %232
-  br i1 %320, label %325, label %333
-
-325:                                              ; preds = %218, %324
-  %326 = phi i64 [ %316, %324 ], [ 0, %218 ]
-  %327 = load ptr, ptr %12, align 8
-  %328 = getelementptr inbounds %struct.interpreter, ptr %327, i64 0, i32 17
-  %329 = load ptr, ptr %328, align 8
-  %330 = getelementptr inbounds %struct.table, ptr %11, i64 0, i32 2
-  %331 = load ptr, ptr %330, align 8
-  %332 = call ptr %329(ptr noundef %331, ptr noundef %1, i64 noundef %2, ptr noundef %3) #8
-  br label %333
-
-333:                                              ; preds = %324, %325, %322
-  %334 = phi i64 [ %316, %322 ], [ %316, %324 ], [ %326, %325 ]
-  %335 = phi ptr [ %323, %322 ], [ null, %324 ], [ %332, %325 ]
-  %336 = icmp sgt i64 %334, 0
-  br i1 %336, label %337, label %346
-
-337:                                              ; preds = %333
-  %338 = getelementptr inbounds %struct.interpreter, ptr %13, i64 0, i32 15
-  br label %339
-
-339:                                              ; preds = %339, %337
-  %340 = phi i64 [ 0, %337 ], [ %344, %339 ]
-  %341 = load ptr, ptr %338, align 8
-  %342 = getelementptr inbounds ptr, ptr %9, i64 %340
-  %343 = load ptr, ptr %342, align 8
-  call void %341(ptr noundef %343) #8
-  %344 = add nuw nsw i64 %340, 1
-  %345 = icmp eq i64 %344, %334
-  br i1 %345, label %346, label %339, !llvm.loop !13
-
-346:                                              ; preds = %339, %333
-  call void @llvm.lifetime.end.p0(i64 256, ptr nonnull %9) #8
-  call void @llvm.lifetime.end.p0(i64 256, ptr nonnull %8) #8
+336:                                              ; preds = %246
+  %337 = call ptr @entry(ptr noundef %0, ptr noundef nonnull %9, i64 noundef %2, ptr noundef %3)
   br label %347
 
-347:                                              ; preds = %346, %212, %22
-  %348 = phi ptr [ %27, %22 ], [ %335, %346 ], [ %214, %212 ]
-  ret ptr %348
+338:                                              ; preds = %246
+  br i1 %334, label %339, label %347
+
+339:                                              ; preds = %232, %338
+  %340 = phi i64 [ %330, %338 ], [ 0, %232 ]
+  %341 = load ptr, ptr %13, align 8
+  %342 = getelementptr inbounds %struct.interpreter, ptr %341, i64 0, i32 17
+  %343 = load ptr, ptr %342, align 8
+  %344 = getelementptr inbounds %struct.table, ptr %12, i64 0, i32 2
+  %345 = load ptr, ptr %344, align 8
+  %346 = call ptr %343(ptr noundef %345, ptr noundef %1, i64 noundef %2, ptr noundef %3) #8
+  br label %347
+
+347:                                              ; preds = %338, %339, %336
+  %348 = phi i64 [ %330, %336 ], [ %330, %338 ], [ %340, %339 ]
+  %349 = phi ptr [ %337, %336 ], [ null, %338 ], [ %346, %339 ]
+  %350 = icmp sgt i64 %348, 0
+  br i1 %350, label %351, label %360
+
+351:                                              ; preds = %347
+  %352 = getelementptr inbounds %struct.interpreter, ptr %14, i64 0, i32 15
+  br label %353
+
+353:                                              ; preds = %353, %351
+  %354 = phi i64 [ 0, %351 ], [ %358, %353 ]
+  %355 = load ptr, ptr %352, align 8
+  %356 = getelementptr inbounds ptr, ptr %10, i64 %354
+  %357 = load ptr, ptr %356, align 8
+  call void %355(ptr noundef %357) #8
+  %358 = add nuw nsw i64 %354, 1
+  %359 = icmp eq i64 %358, %348
+  br i1 %359, label %360, label %353, !llvm.loop !13
+
+360:                                              ; preds = %353, %347
+  call void @llvm.lifetime.end.p0(i64 256, ptr nonnull %10) #8
+  call void @llvm.lifetime.end.p0(i64 256, ptr nonnull %9) #8
+  br label %361
+
+361:                                              ; preds = %360, %226, %23
+  %362 = phi ptr [ %28, %23 ], [ %349, %360 ], [ %228, %226 ]
+  ret ptr %362
 }
 
 ; Function Attrs: argmemonly mustprogress nocallback nofree nosync nounwind willreturn

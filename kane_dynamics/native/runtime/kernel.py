@@ -24,7 +24,7 @@ from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
                                                     Lanes, ResultPart, Signature, whole)
-from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, batch_driver,
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, loops,
                                                 most_of_one_thread, PROBE_CALLS, repeat,
                                                 run_batch)
 from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
@@ -285,13 +285,13 @@ class Kernel:
         """Return the address of the code of batches, compiled if that was not done yet."""
         kind = f'{width()} lanes'
         if kind not in self._functions:
-            batch_driver(width())
             # Lanes need many registers: in program order fewer values are spilled.
             code = self._function(kind, lambda: lane_text(self._program(), SYMBOL, width()),
                                   in_order=True)
-            driver = batch_driver(width())
+            driver = loops()
             self._lanes.run = driver.address('run_batch')
             self._lanes.driver = driver  # its code lives as long as its address
+            self._lanes.width = width()
             self._lanes.most = PROBE_CALLS * width()
             self._lanes.kernel = code.address
         return self._functions[kind].address

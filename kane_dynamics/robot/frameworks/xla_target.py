@@ -12,12 +12,21 @@ from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.loops import batch_driver, FLAGS, ROW, WORDS
+from kane_dynamics.native.runtime.loops import loops, SOURCE
 from kane_dynamics.native.runtime.threads import thread_count
 from kane_dynamics.robot.frameworks.batch_function import BatchFunction
 
+MAJOR = 0  # of the version of XLA's interface whose layout is used
+WORK = 2_000_000  # operations of a thread at least; some 0.3 ms
+Described = SOURCE.structures['described']
+# A function of XLA's interface: of a call alone.
+HANDLER = """
+define ptr @handler(ptr %call) {{
+  %error = call ptr inttoptr (i64 {handle} to ptr)(ptr %call, ptr inttoptr (i64 {batch} to ptr))
+  ret ptr %error
+}}
+"""
 VERSION = re.compile(r'#define XLA_FFI_API_(MAJOR|MINOR) (\d+)')
 _targets: dict[str, object] = {}  # by name; XLA may call them until the process ends
 _lock = ForkSafeLock()
@@ -67,11 +76,12 @@ def _handler(function: BatchFunction, name: str) -> object:
     kernel = function.kernel
     count = kernel.traced().operation_count()
     operations = count.multiplications + count.additions
-    text = handler_text(
-        kernel.compile_lanes(), batch_driver(width()).address('run_job'),
-        sizes, limits, minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
-        flags=FLAGS, operations=operations)
+    kept = ((ctypes.c_int64 * len(sizes))(*sizes), (ctypes.c_double * len(limits))(*limits))
+    batch = Described(
+        kernel.compile_lanes(), len(sizes), width(), max(1, WORK // max(operations, 1)),
+        thread_count(), interface()[1], *map(ctypes.addressof, kept))
+    text = HANDLER.format(handle=loops().address('handle'), batch=ctypes.addressof(batch))
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))
-    handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
+    handler = code.function('handler', ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
     jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')
-    return handler
+    return handler, batch, kept

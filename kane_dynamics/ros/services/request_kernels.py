@@ -16,9 +16,8 @@ from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.feasibility.path_robot import compile_splines
-from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.machine_code.compiling import reported_to
-from kane_dynamics.native.runtime.loops import batch_driver, support
+from kane_dynamics.native.runtime.loops import loops
 from kane_dynamics.native.runtime.threads import in_calling_thread
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
@@ -49,8 +48,7 @@ def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
 
     """
     robot = robots[0]
-    support()  # loops over states, which every kernel shares
-    batch_driver(width())
+    loops()  # over states, which every kernel shares
     if locks:
         robot.compile()
     else:

@@ -6,11 +6,12 @@ import shutil
 import subprocess
 
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.runtime import message_loop
+from kane_dynamics.native.runtime import loops, message_loop
 import pytest
 
 ROOT = Path(__file__).parents[3]
-SOURCES = {module.SOURCE.path.stem: module.SOURCE for module in (entry, message_loop)}
+SOURCES = {module.SOURCE.path.stem: module.SOURCE
+           for module in (entry, loops, message_loop)}
 
 
 @pytest.mark.skipif(not shutil.which('clang-15') or not shutil.which('make'),
@@ -36,7 +37,7 @@ def test_an_installation_compiles_no_c_source():
 def test_the_structures_of_python_are_those_of_the_compiler(name, tmp_path):
     source = SOURCES[name]
     places = []
-    lines = ['#include <stdio.h>', f'#include "{source.path}"', 'int main(void) {']
+    lines = [f'#include "{source.path}"', '#include <stdio.h>', 'int main(void) {']
     for structure_name, structure in source.structures.items():
         places.append(('sizeof', structure_name, ctypes.sizeof(structure)))
         lines.append(f'printf("%zu\\n", sizeof({structure_name}));')

@@ -55,12 +55,12 @@ for _ in range(3):
 FIRST_TOGETHER = START + """
 import threading
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime import loops as support
+from kane_dynamics.native.runtime import loops
 robot = Robot(MODEL)
 kernel = robot.kernels.quantity('inverse_dynamics')
 kernel.compile()
-support.support.cache_clear()
-support._repeat.cache_clear()
+vars(loops.SOURCE).pop('code', None)
+loops._repeat.cache_clear()
 both, one = threading.Barrier(2), threading.Event()
 load, address = llvm.Code.__init__, llvm.Code.address
 

@@ -204,8 +204,7 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
 
 def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypatch):
     robot = Robot(random_model(22, 2))
-    for shared in (loops.support, loops._repeat, loops.batch_driver,
-                   loops._driver_function):
+    for shared in (loops._repeat, loops._run_job):
         shared.cache_clear()  # what other tests have compiled for all robots
     compile_simulation(robot)
 
