@@ -53,18 +53,6 @@ from kane_dynamics.simulation.simulate import compile_simulation
 begin = time.process_time()
 compile_simulation(Robot(load_urdf('urdf/fr3.urdf')), 'rk4', 'external_force')
 """
-BOUNDS = """
-from kane_dynamics import load_urdf, Robot, Uncertainty
-import numpy as np
-robot = Robot(load_urdf('urdf/ur10e.urdf'))
-box = Uncertainty.of(robot.model, mass=0.1, friction=0.3)
-q, u, udot = np.random.default_rng(2).uniform(-2.0, 2.0, (3, robot.n))
-call = lambda: robot.{name}
-call()
-begin = time.process_time()
-for _ in range(50_000):
-    call()
-"""
 LOAD = """
 from kane_dynamics import load_urdf
 begin = time.process_time()
@@ -117,10 +105,7 @@ def main():
         'a known URDF over a new one': (ratio(LOAD, LOAD), 0.4),
         'import of kane_dynamics over that of numpy': (
             ratio('import kane_dynamics', 'import numpy', cold=True), 0.5),
-        'torque of a known URDF over its imports': (ratio(TORQUE, IMPORTS), 3.5),
-        'torque_bounds over regressor': (
-            ratio(BOUNDS.format(name='torque_bounds(q, u, udot, box)'),
-                  BOUNDS.format(name='regressor(q, u, udot)')), 3.0)}
+        'torque of a known URDF over its imports': (ratio(TORQUE, IMPORTS), 3.5)}
     for name, (value, gate) in ratios.items():
         print(f'{name}: {value:.2f} (at most {gate:g})')
     return all(value <= gate for value, gate in ratios.values())

@@ -51,7 +51,6 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.motion.motion import Motion
     from kane_dynamics.motion.smooth_motion import SmoothMotion
     from kane_dynamics.robot.robot import Robot
-    from kane_dynamics.robot.torque_bounds import TorqueBounds, Uncertainty
     from kane_dynamics.simulation.contact import (Contact, CylinderSurface, PlaneSurface,
                                                   SphereSurface)
     from kane_dynamics.simulation.simulate import simulate
@@ -86,8 +85,7 @@ __all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure'
            'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'SmoothMotion', 'Speeds', 'SphereSurface', 'StiffnessCurve', 'SweepError',
            'TaskSpace',
-           'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
-           'Uncertainty', 'UrdfError',
+           'Terms', 'Torsion', 'Trajectory', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
            'equilibrium', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'in_task_speeds', 'inverse_kinematics', 'knife_edge',

@@ -1,6 +1,6 @@
 """Checks of a robot model before it controls a real arm; the command `doctor` without ROS."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import re
 from typing import get_args, Literal
@@ -14,7 +14,6 @@ from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 from kane_dynamics.urdf.assembly import DEGREES as DEGREE_LIMIT
 from kane_dynamics.urdf.link_shapes import shape_volume
 from kane_dynamics.urdf.notices import DEGREE_LIMITS, DEGREES, NO_INERTIAL
@@ -65,7 +64,6 @@ class Finding:
 
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
-                  uncertainty: Uncertainty | None = None,
                   shapes: Sequence[LinkShape] | None = None) -> list[Finding]:
     """
     Return the findings about a robot model.
@@ -78,8 +76,6 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
         The robot of the model, with its constraints and loads.
     warnings : sequence of str
         Of the model's file.
-    uncertainty : Uncertainty, optional
-        Motors must hold the robot with any of these parameters.
     shapes : sequence of LinkShape, optional
         Shapes of the links, which masses are compared with; None: not known.
 
@@ -106,10 +102,10 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str],
                                 'the robot; expected a check of your own with wrenches '
                                 'at the contacts'))
     elif not robot.equations.in_joint_rates:
-        findings += _examine_holding_torques(robot, uncertainty)
+        findings += _examine_holding_torques(robot)
     else:
         findings += _examine_fixed_base(model)
-        findings += _examine_weight(robot, uncertainty)
+        findings += _examine_weight(robot)
     findings += _examine_drives(model, robot)
     if model.drives and robot.equations.in_joint_rates:
         findings += _examine_stiffness(model, robot)
@@ -409,10 +405,10 @@ def _too_weak(robot: Robot, torques: Array, what: str) -> list[str]:
     return weak
 
 
-def _examine_weight(robot: Robot, uncertainty: Uncertainty | None) -> list[Finding]:
+def _examine_weight(robot: Robot) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
     # The largest torque of gravity that a search finds, joint by joint.
-    weights = largest_gravity_forces(robot, uncertainty)
+    weights = largest_gravity_forces(robot)
     weak = _too_weak(robot, weights, 'weight')
     if weak:
         return [Finding('problem', 'the arm cannot hold itself in every configuration: '
@@ -458,12 +454,11 @@ def _verdict_on_efforts(robot: Robot, torques: Array, fine: str) -> Finding:
     return Finding('fine', fine)
 
 
-def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
-                             ) -> list[Finding]:
+def _examine_holding_torques(robot: Robot) -> list[Finding]:
     """Return whether the actuators can hold the arm in random closed configurations."""
     try:
         q = robot.random_configuration(0, CLOSED_SAMPLES)
-        torques = _holding_sizes(robot, q, uncertainty)
+        torques = _holding_sizes(robot, q)
     except ConstraintError as error:
         return [Finding('warning', 'holding torques: not examined in random closed '
                         f'configurations; {error}')]
@@ -481,17 +476,12 @@ def _examine_holding_torques(robot: Robot, uncertainty: Uncertainty | None
         f'{CLOSED_SAMPLES} random closed configurations within its limits')]
 
 
-def _holding_sizes(robot: Robot, q: Array, uncertainty: Uncertainty | None) -> Array:
+def _holding_sizes(robot: Robot, q: Array) -> Array:
     """Return the largest absolute torques that hold the robot, (N, n_q), N m or N."""
-    sizes = np.abs(robot.joint_torques(robot.gravity_force(q), q))
-    if uncertainty is not None:
-        at_rest = np.zeros((len(q), robot.n))
-        sizes = sizes + torque_deviation(robot, q, at_rest, at_rest, uncertainty,
-                                         of_joints=True)
-    return sizes
+    return np.abs(robot.joint_torques(robot.gravity_force(q), q))
 
 
-def largest_gravity_forces(robot: Robot, uncertainty: Uncertainty | None = None) -> Array:
+def largest_gravity_forces(robot: Robot) -> Array:
     """
     Return the largest gravity force that a search finds for each joint, (n,), N m or N.
 
@@ -502,16 +492,12 @@ def largest_gravity_forces(robot: Robot, uncertainty: Uncertainty | None = None)
     ----------
     robot : Robot
         The robot with its joint limits.
-    uncertainty : Uncertainty, optional
-        The forces are the largest ones of its box of parameters, with offsets of friction.
 
     """
     lower, upper = sampling_range(robot)
     q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, robot.n))
 
-    def sizes(q: Array) -> Array:
-        return _holding_sizes(robot, q, uncertainty)
-    forces = sizes(q)
+    forces = _holding_sizes(robot, q)
     # Every joint has its own starts, the samples with its largest forces.
     starts = np.argsort(forces, axis=0)[-STARTS:].T.ravel()
     joint = np.repeat(np.arange(robot.n), STARTS)
@@ -519,7 +505,7 @@ def largest_gravity_forces(robot: Robot, uncertainty: Uncertainty | None = None)
     step = np.full(len(starts), 0.25)  # of the range of each coordinate
     while (active := np.flatnonzero(step > SMALLEST_STEP)).size:
         steps = step[active, None] * (upper - lower)
-        neighbours, force = _uphill(sizes, q[active], joint[active], steps,
+        neighbours, force = _uphill(robot, q[active], joint[active], steps,
                                     (lower, upper))
         higher = force > largest[active] * (1.0 + ROUNDING)
         moved, stuck = active[higher], active[~higher]
@@ -529,7 +515,7 @@ def largest_gravity_forces(robot: Robot, uncertainty: Uncertainty | None = None)
     return np.asarray(largest.reshape(robot.n, STARTS).max(axis=1))
 
 
-def _uphill(sizes: Callable[[Array], Array], q: Array, joint: NDArray[np.int_], step: Array,
+def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array,
             limits: tuple[Array, Array]) -> tuple[Array, Array]:
     """
     Return the neighbour with the largest gravity force, (k, n), and that force, (k,).
@@ -542,7 +528,7 @@ def _uphill(sizes: Callable[[Array], Array], q: Array, joint: NDArray[np.int_], 
     rows = np.arange(len(q))
 
     def forces(q: Array) -> Array:
-        flat = sizes(q.reshape(-1, n))
+        flat = _holding_sizes(robot, q.reshape(-1, n))
         return np.asarray(flat.reshape(q.shape)[rows, ..., joint])
     # Steps along one coordinate, forth and back: (k, 2, n) neighbours.
     directions = np.stack([np.eye(n), -np.eye(n)])

@@ -298,7 +298,6 @@ def _calibrate(sub: ArgumentParser) -> None:
             ('drift', DRIFT, 'relative change of friction that raises no alarm')):
         sub.add_argument(f'--{name}', type=float, default=default, metavar='X',
                          help=f'{text}; default: %(default)g')
-    _add_uncertainty(sub, 'thresholds rise by their largest torque')
     sub.add_argument('-o', '--out', metavar='YAML',
                      help='write a supplement and a parameter file that loads it '
                      '(NAME.node.yaml); with --collision a parameter file')
@@ -316,7 +315,6 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
                      help='largest mechanical power, one value or one per joint '
                           '(default: none)')
-    _add_uncertainty(sub, 'the torques are within the limits for all of them')
     # Further questions about the same motion.
     sub.add_argument('--time-optimal', action='store_true',
                      help='compute the fastest timing of the path of the motion')
@@ -339,14 +337,6 @@ def _feasible(sub: ArgumentParser) -> None:
                      help='write the motion at the highest feasible speed, or with its '
                      'fastest timing')
     add_plot(sub, 'torque, speed and power')
-
-
-def _add_uncertainty(sub: ArgumentParser, effect: str) -> None:
-    """Add --uncertain."""
-    sub.add_argument('--uncertain', nargs='+', metavar='NAME=X',
-                     help='errors of the parameters of all bodies and joints: mass, inertia '
-                     'and friction relative (0.1 is 10 %%), com in m, offset in N m or N; '
-                     f'{effect} (default: none)')
 
 
 def _fill(sub: ArgumentParser) -> None:
@@ -389,7 +379,6 @@ def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub, friction=False)
     _add_constraints(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
-    _add_uncertainty(sub, 'the motors must hold the arm with all of them')
     _add_efforts(sub)
     sub.add_argument('--live', type=float, metavar='S',
                      help='examine the ROS graph for S seconds after its nodes are '

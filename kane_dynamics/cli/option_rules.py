@@ -17,7 +17,7 @@ NEEDS: Needs = {
                  'skew': ('drives',),
                  'constraints': ('payload', 'drives')},
     'replay': {'smallest': ('reference',)},
-    'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands', 'uncertain',
+    'calibrate': {**dict.fromkeys(('gain', 'margin', 'drift', 'commands',
                                    'constraints', 'efforts', 'efforts_without_gravity',
                                    'torque_constants', 'no_friction'), ('collision',)),
                   'save': ('live',), 'loaded': ('load',), 'load': ('loaded',),
@@ -47,8 +47,7 @@ EXCLUDED: Needs = {
     'calibrate': {'collision': ('live', 'loaded', 'load', 'load_mass', 'load_com')},
     'excite': {'friction': ('duration', 'periods', 'harmonics', 'starts', 'velocity',
                             'acceleration')},
-    'feasible': {'time_optimal': ('speed', 'payload_frame', 'step'),
-                 'payload_frame': ('uncertain',)},
+    'feasible': {'time_optimal': ('speed', 'payload_frame', 'step')},
     'view': {'export': ('host', 'port', 'no_open')},
 }
 # Endings of the names of results; a name without an ending has the only one.

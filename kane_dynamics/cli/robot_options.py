@@ -20,13 +20,11 @@ from kane_dynamics.model.plausible_sizes import upward_gravity
 from kane_dynamics.robot.methods.configuration_methods import (outside_limits,
                                                                suspected_degrees)
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import Uncertainty
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
 import numpy as np
 
 CLOSED = 1e-9  # rad or m, to which loops are closed
-UNCERTAIN = ('mass', 'com', 'inertia', 'friction', 'offset')  # of `Uncertainty.of`
 
 
 def source_of(options: Namespace) -> str | bytes:
@@ -128,34 +126,6 @@ def constraints_of(options: Namespace, prefix: str = '') -> dict[str, Any]:
     from kane_dynamics.mechanics.constraints.yaml_file import (
         load_constraints)  # imports yaml
     return load_constraints(path, prefix=prefix)
-
-
-def uncertainty_of(options: Namespace, model: Model) -> Uncertainty | None:
-    """Return the box of parameters that --uncertain states; None without it."""
-    if options.uncertain is None:
-        return None
-    errors: dict[str, float] = {}
-    for statement in options.uncertain:
-        name, _, value = statement.partition('=')
-        try:
-            errors[name] = float(value)
-        except ValueError:
-            raise _not_uncertain(statement) from None
-        if name not in UNCERTAIN:
-            raise _not_uncertain(statement)
-    if len(errors) < len(options.uncertain):
-        raise InputError(f'--uncertain: {" ".join(options.uncertain)}; expected each name '
-                         'once')
-    try:
-        return Uncertainty.of(model, **errors)
-    except InputError as error:
-        raise InputError(f'--uncertain: {error}') from None
-
-
-def _not_uncertain(statement: str) -> InputError:
-    """Return the error of a statement that names no error of a parameter."""
-    return InputError(f"--uncertain: '{statement}'; expected NAME=X with a number X and a "
-                      f'name of {", ".join(UNCERTAIN)}')
 
 
 def every_joint(options: Namespace) -> tuple[str, ...] | None:

@@ -11,8 +11,7 @@ joints.
 Friction is not linear in x = s'^2. It is replaced with its tangent at a profile x, which
 the next profile refines (sequential linear programming); the profile to which this
 converges satisfies the exact limits. A limit P of the power bounds the torque by
-P / |q_s s'|, which is replaced likewise, as is the deviation of the torque for uncertain
-parameters (`path_uncertainty`).
+P / |q_s s'|, which is replaced likewise.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,6 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Matrix, Vector
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_uncertainty import PathUncertainty
 from kane_dynamics.feasibility.reachability import IntervalLimits
 from kane_dynamics.feasibility.segment_peaks import (ACTIVE, limited_quantities,
                                                      MARGIN)
@@ -35,7 +33,6 @@ from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.native.runtime.loops import BAD_RESULT
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 
 SIZES = 2  # numbers of a vertex that are results of `bounds_kernel`
@@ -79,8 +76,6 @@ class PathLimits:
         The limits of the joints.
     driving : list of int, optional
         With chosen speeds or constraints: the joints that determine the others.
-    uncertainty : Uncertainty, optional
-        Of the robot: limits of torque hold for all its parameters. Without limits of power.
 
     Attributes
     ----------
@@ -98,19 +93,14 @@ class PathLimits:
     """
 
     def __init__(self, robot: Robot, section: Section, bounds: Bounds,
-                 driving: list[int] | None = None,
-                 uncertainty: Uncertainty | None = None) -> None:
+                 driving: list[int] | None = None) -> None:
         q, first, second = (samples[::2] for samples in section[:3])
         count = len(q)
         self.robot, self.section, self.bounds = robot, section, bounds
         self._first, self._second, self._driving = first, second, driving
         self._rough = rough_coordinates(robot)
         self.powered = bool(np.isfinite(bounds.power).any())
-        self._uncertain: PathUncertainty | None = None
-        if uncertainty is not None:
-            self._uncertain = PathUncertainty(robot, uncertainty, q, first, second, driving)
-        curved = self.powered or bool(self._rough) or self._uncertain is not None
-        self.linear = not curved
+        self.linear = not (self.powered or self._rough)
         # A row for each vertex: the results of `bounds_kernel`, and the limits on the
         # torque as lines of the passes, without friction and width.
         self._rows = np.empty((count, SIZES + 4 * robot.n_q))
@@ -212,11 +202,8 @@ class PathLimits:
 
     @property
     def largest_at_rest(self) -> Array:
-        """Return the largest absolute torques at rest, of all parameters, (N + 1, n)."""
-        size = np.abs(self.constant)
-        if self._uncertain is not None:
-            size = size + self._uncertain.at_rest
-        return size
+        """Return the absolute torques at rest, (N + 1, n)."""
+        return np.asarray(np.abs(self.constant))
 
     def speed_squared(self, vertex: int) -> float:
         """Return the squared speed of the driving joints, per unit of x."""
@@ -278,9 +265,6 @@ class PathLimits:
         # One block of rows for each limited quantity, each as a x' + b x + c within its
         # width.
         torque = self._torque_lines(x)
-        deviation: Array | None = None
-        if self._uncertain is not None:
-            deviation = self._uncertain.lines(x, FLAT * self.size)
         most = np.minimum(self.most * self._tight_speed**2, self.free)
         rows: list[Array] = []
         middles: list[Array] = []
@@ -296,10 +280,6 @@ class PathLimits:
                 middles += lines.middles
                 if calm:
                     most = np.minimum(most, lines.steady)
-                continue
-            if quantity == EFFORT and deviation is not None:
-                rows += _one_sided(torque[:, :3, used], deviation[:, :, used],
-                                   width[:, used], 0.0)
                 continue
             block = torque if quantity == EFFORT else self._acceleration_lines()
             block[:, 3] = width
@@ -367,7 +347,7 @@ class PathLimits:
         # Power is torque times rate: tangents of the torque that it leaves.
         tangents = self._torque_of_power(width, at, self._first)
         rows = []
-        for block in _one_sided(lines, np.zeros_like(lines), *tangents):
+        for block in _one_sided(lines, *tangents):
             rows.append(block[:, :, used])
 
         # The limit at the middle counts too; the mean of those at both ends exceeds it.
@@ -375,7 +355,7 @@ class PathLimits:
         first = self.section.first[1::2]
         tangents = self._torque_of_power(_middles(width), _middles(at), first)
         middles = []
-        for block in _one_sided(lines, np.zeros_like(lines), *tangents):
+        for block in _one_sided(lines, *tangents):
             middles.append(block[:, :, used])
 
         # The largest x at which the path is passed at a steady speed.
@@ -492,17 +472,16 @@ def _middles(values: Array) -> Array:
     return middles
 
 
-def _one_sided(torque: Array, deviation: Array, width: Array, slope: Array | float
-               ) -> list[Array]:
+def _one_sided(torque: Array, width: Array, slope: Array | float) -> list[Array]:
     """
-    Return |torque| + deviation <= width + slope x as two limits without slope.
+    Return |torque| <= width + slope x as two limits without slope.
 
-    Torque and deviation are lines alpha v + beta x + gamma, (N, 3, n). The other side of each
-    limit is out of reach.
+    The torque is a line alpha v + beta x + gamma, (N, 3, n). The other side of each limit
+    is out of reach.
     """
     # The slope goes to the other side, with a width that is never reached.
     far = OUT_OF_REACH * (np.abs(torque[:, 2]) + width)
-    added = deviation.copy()
+    added = np.zeros_like(torque)
     added[:, 1] -= slope
     added[:, 2] += far - width
     sides = []

@@ -27,7 +27,6 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
 from kane_dynamics.motion.uniform_spline import uniform_kernels as compile_uniform_spline
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -46,7 +45,7 @@ class PathRobot:
         As in `time_optimal`.
     bounds : Bounds
         The limits of all joints.
-    rest, uncertainty
+    rest
         As in `time_optimal`.
 
     Attributes
@@ -68,11 +67,9 @@ class PathRobot:
     """
 
     def __init__(self, robot: Robot, path: Motion | ArrayLike, bounds: Bounds,
-                 rest: ArrayLike | None = None,
-                 uncertainty: Uncertainty | None = None) -> None:
+                 rest: ArrayLike | None = None) -> None:
         self.robot = robot
         self.bounds = bounds
-        self.uncertainty = uncertainty
         self.names = robot.joint_names
         self.driving: list[int] | None = None
         self._rest: Array | None = None
@@ -166,8 +163,6 @@ class PathRobot:
         """
         Return q, q', q'' and torques of all joints, (K, n_q) each.
 
-        With uncertain parameters, the torques are the largest absolute ones.
-
         Parameters
         ----------
         q : (K, n_q) array
@@ -180,7 +175,7 @@ class PathRobot:
         """
         robot = self.robot
         if self.driving is None:
-            return q, rates, accelerations, self._largest(q, rates, accelerations)
+            return q, rates, accelerations, self._torques(q, rates, accelerations)
         # The path states the driving joints; loops decide where the others are.
         near = q
         q = self._loops.closed(near, np.zeros(len(q)),
@@ -190,25 +185,11 @@ class PathRobot:
         whole = motion_of_closed(robot, self.driving, t, q, rates, accelerations)
         tau = q
         if torques:
-            tau = self._largest(*whole)
+            tau = self._torques(*whole)
         return q, robot.joint_rates(q, whole.u), robot.joint_accelerations(*whole), tau
 
-    def _largest(self, q: Array, u: Array, udot: Array) -> Array:
-        """Return the torques of all joints; the largest absolute ones of a box, (K, n_q)."""
-        tau = self.robot.joint_torques(self.robot.inverse_dynamics(q, u, udot), q)
-        if self.uncertainty is None:
-            return tau
-        deviation = torque_deviation(self.robot, q, u, udot, self.uncertainty,
-                                     of_joints=True)
-        return np.asarray(np.abs(tau) + deviation)
-
-    def torques(self, points: ControllerPoints) -> Array:
-        """Return the torques of the model's parameters at points, (K, n_q)."""
-        q, u, udot = points.q, points.u, points.udot
-        if self.driving is not None:
-            q = np.ascontiguousarray(q)
-            q, u, udot = motion_of_closed(self.robot, self.driving, np.zeros(len(q)), q,
-                                          u[:, self.driving], udot[:, self.driving])
+    def _torques(self, q: Array, u: Array, udot: Array) -> Array:
+        """Return the torques of all joints, (K, n_q)."""
         return self.robot.joint_torques(self.robot.inverse_dynamics(q, u, udot), q)
 
     def check(self, section: Section) -> None:
@@ -256,16 +237,15 @@ class PathRobot:
 
     def limits(self, section: Section) -> PathLimits:
         """Return the limits at the vertices of a section."""
-        return PathLimits(self.robot, section, self.bounds, self.driving, self.uncertainty)
+        return PathLimits(self.robot, section, self.bounds, self.driving)
 
     def motion_along(self, section: Section) -> SectionMotion:
         """Return the motion along a section, for profiles to follow."""
         limits = np.array(self.bounds)
-        if self.driving is None and self.uncertainty is None:
+        if self.driving is None:
             peaks = SegmentPeaks(self.robot, limits)
         else:
-            driving = self.driving or range(self.robot.n)
-            peaks = SegmentPeaks(self.robot, limits, self.states, driving)
+            peaks = SegmentPeaks(self.robot, limits, self.states, self.driving)
         return SectionMotion(self.robot, section, peaks)
 
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]

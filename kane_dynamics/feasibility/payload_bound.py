@@ -2,20 +2,17 @@
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 import math
 
 from kane_dynamics._util.checks import constant, instance
-from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.fixed_point import upper_fixed_point
-from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
-from kane_dynamics.feasibility.torque_demand import (Demand, demand, demand_at, DrivesAlong,
+from kane_dynamics.feasibility.samples import STEP
+from kane_dynamics.feasibility.torque_demand import (Demand, demand, DrivesAlong, excesses_of,
+                                                     largest_fitting,
                                                      motion_of_rigid_joints,
-                                                     refined_demand,
-                                                     refuse_with_drives, torque_of)
+                                                     refined_demand, refuse_with_drives)
 from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.placement import point
@@ -25,10 +22,9 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-ROUNDING_SHARE = 1e-13  # relative difference of two torques that is rounding
 SMALL = 1e-3  # kg, hardly bends a beam
-SETTLED = 1e-9  # relative change of the last mass tried with beams or elastic joints
-HEAVIEST = 1e6  # kg; beyond, nothing bounds the payload of elastic joints
+SETTLED = 1e-9  # relative precision of the mass
+HEAVIEST = 1e6  # kg; beyond, nothing bounds the payload
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +58,8 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
     """
     Return the largest mass that a robot can carry along a motion.
 
-    For a payload with a given center of mass and an inertia proportional to its mass m,
-    the torque is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds
-    m exactly. With beams, which the payload bends, tau_1 is that of the mass found, by
-    iteration. The motors of elastic joints have friction at a speed that depends on the
-    mass, and stiffness may be a curve: then the mass is searched until a limit is reached
-    within 1e-9, from below.
+    The payload has a given center of mass and an inertia proportional to its mass. The mass
+    is searched until a limit is reached within 1e-9, from below.
 
     Parameters
     ----------
@@ -98,7 +90,7 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
     """
     instance(robot, Robot, 'robot')
     if robot.drives:
-        refuse_with_drives(bending, None)
+        refuse_with_drives(bending)
     else:
         motion_of_rigid_joints(motion)
     if robot.friction:
@@ -124,32 +116,14 @@ def largest_payload(robot: Robot, motion: Motion | SmoothMotion, *,
             payload = Inertial(mass, per_mass.com, mass * per_mass.inertia)
         loaded.parameters.payload = payload
 
-    # Elastic joints: the demand is not linear in the mass.
-    if robot.drives:
-        drives = DrivesAlong(carrier, motion, step, power)
+    drives = DrivesAlong(carrier, motion, step, power) if robot.drives else None
 
-        def demand_of_drives(mass: float) -> Demand:
-            load(mass)
-            return refined_demand(drives.demand_at, speed)
-        return _searched_bound(demand_of_drives)
-
-    def demand_with(mass: float, additional: Array) -> Demand:
+    def demand_with(mass: float) -> Demand:
         load(mass)
-        return demand_at(carrier, motion, speed, step, power, additional, bending)
-    # The torque is linear in the mass of a rigid arm: the bound follows in closed form,
-    # and samples are added where the demand may rise between them.
-    additional = NONE
-    for _ in range(ROUNDS + 1):
-        at_samples = partial(demand_with, additional=additional)
-        empty = at_samples(0.0)
-        best, slope = _bound_at(empty, at_samples, bends=bending is not None)
-        if math.isinf(best.mass):
-            break
-        refined = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
-        if not refined.size:
-            break
-        additional = np.concatenate([additional, speed * refined])
-    return best
+        if drives is not None:
+            return refined_demand(drives.demand_at, speed)
+        return demand(carrier, motion, speed=speed, step=step, power=power, bending=bending)
+    return _searched_bound(demand_with)
 
 
 def _inertial_per_mass(com: ArrayLike, inertia: ArrayLike | None) -> Inertial:
@@ -164,64 +138,13 @@ def _inertial_per_mass(com: ArrayLike, inertia: ArrayLike | None) -> Inertial:
 
 def _searched_bound(demand_with: Callable[[float], Demand]) -> PayloadBound:
     """Return the largest payload by bisection between one that fits and one that does not."""
-    # Double the mass until a limit is exceeded.
+    # Double the mass until a limit is exceeded; then the last mass fits.
     low, high = 0.0, SMALL
-    while not (excessive := demand_with(high).excesses):
+    while not excesses_of(demand_with, high):
         low, high = high, 2.0 * high
         if high > HEAVIEST:
             return PayloadBound(math.inf)
-    # Bisect between the last mass that fits and the first that does not.
-    while high - low > SETTLED * high:
-        middle = 0.5 * (low + high)
-        if beyond := demand_with(middle).excesses:
-            high, excessive = middle, beyond
-        else:
-            low = middle
+    mass, beyond = largest_fitting(demand_with, low, high, SETTLED)
     # Close to the bound only the limit that is reached first is exceeded.
-    first = excessive[0]
-    return PayloadBound(low, first.joint, first.limit, first.t)
-
-
-def _bound_at(empty: Demand, demand_with: Callable[[float], Demand], bends: bool
-              ) -> tuple[PayloadBound, Array]:
-    """Return the largest payload at the samples, and the torque per kilogram."""
-    def bound_from(mass: float) -> tuple[PayloadBound, Array]:
-        slope = _slope(empty, demand_with(mass), mass)
-        return _bound(empty, slope), slope
-    if not bends:
-        return bound_from(1.0)  # the torque is linear in the mass
-    # Bending makes the torque per kilogram depend on the mass: a fixed point.
-    message = (f'bending: no largest payload found from {SMALL:g} kg; expected beams '
-               'that bend less')
-    mass = upper_fixed_point(lambda tried: bound_from(tried)[0].mass, SMALL, SETTLED,
-                             message)
-    if mass is None or math.isinf(mass):
-        mass = SMALL
-    return bound_from(max(mass, SMALL))
-
-
-def _slope(empty: Demand, loaded: Demand, mass: float) -> Array:
-    """Return the torque per kilogram of payload, (N, n), from that of a mass, kg."""
-    slope = loaded.tau - empty.tau
-    size = np.abs(loaded.tau) + np.abs(empty.tau)
-    slope[np.abs(slope) <= ROUNDING_SHARE * size] = 0.0
-    return np.asarray(slope / mass)
-
-
-def _bound(empty: Demand, slope: Array) -> PayloadBound:
-    """Return the largest mass allowed by the limits at the samples."""
-    bounds = {'effort': np.broadcast_to(empty.limits.effort, slope.shape),
-              'power': torque_of(empty.power_limit, empty.u)}
-    # Each sample and joint bounds the mass: where its torque reaches the limit on the
-    # side on which the mass acts.
-    best = PayloadBound(math.inf)
-    for limit, bound in bounds.items():
-        with np.errstate(divide='ignore', invalid='ignore'):
-            mass = np.maximum((np.copysign(bound, slope) - empty.tau) / slope, 0.0)
-        # Torques that do not depend on the mass bound nothing.
-        mass[(slope == 0.0) | np.isnan(mass)] = math.inf
-        k, j = np.unravel_index(int(mass.argmin()), mass.shape)
-        if mass[k, j] < best.mass:
-            best = replace(best, mass=float(mass[k, j]), joint=empty.joint_names[int(j)],
-                           limit=limit, t=float(empty.t[k]))
-    return best
+    first = beyond[0]
+    return PayloadBound(mass, first.joint, first.limit, first.t)

@@ -302,14 +302,6 @@ def _pass_kernels(width: int) -> tuple[Kernel, Kernel]:
             batch_kernel('reached', reached, [('x', ()), following, row], ()))
 
 
-def compile_passes(m: int) -> None:
-    """Compile the passes for m limits at each vertex, so that no request waits."""
-    kernel = _allowed_kernel(m, 0, NEWTON_STEPS[0])
-    kernel.compile_lanes()
-    _steady_kernel(m)
-    _pass_kernels(*kernel.shape)
-
-
 def end_limit(limits: IntervalLimits) -> float:
     """Return the largest x at the end of the path."""
     result = np.empty(1)

@@ -29,14 +29,13 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     largest_profile)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
-from kane_dynamics.feasibility.torque_demand import limits_of_drives, refuse_with_drives
+from kane_dynamics.feasibility.torque_demand import limits_of_drives
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import has_linear_damping, refuse_load_friction
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -65,8 +64,7 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
                  end_speed: float = 0.0, points: int = POINTS,
-                 rest: ArrayLike | None = None,
-                 uncertainty: Uncertainty | None = None) -> TimeOptimal:
+                 rest: ArrayLike | None = None) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
 
@@ -111,9 +109,6 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         the way from there to the start of the path and along it. Elastic joints take
         that of the robot's `configuration`. Default: that of the
         robot, or else the closure that is found from zeros, as in `demand`.
-    uncertainty : Uncertainty, optional
-        Box of uncertain parameters of the robot: limits of effort hold for all of them. Not
-        with limits of power, jerk or torque rate, nor with elastic joints.
 
     Raises
     ------
@@ -147,7 +142,6 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     # Elastic joints have limits of motors, gears and links on a law of time of their
     # own.
     if robot.drives:
-        refuse_with_drives(None, uncertainty)
         if limits_rates:
             raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
                              'expected neither')
@@ -162,13 +156,8 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     if isinstance(path, SmoothMotion):
         raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
                          'Motion or waypoints')
-    if uncertainty is not None:
-        instance(uncertainty, Uncertainty, 'uncertainty')
-        if limits_rates or np.isfinite(bounds.power).any():
-            raise InputError('uncertainty: given with a limit of power, jerk or torque '
-                             'rate; expected limits of effort, velocity and acceleration')
     # The path with the dynamics of the robot along it, then the profile of its speed.
-    along = PathRobot(robot, path, bounds, rest, uncertainty)
+    along = PathRobot(robot, path, bounds, rest)
     if limits_rates:
         _require_linear_damping(robot, rates)
         return _rate_limited(along, rates, speeds, points)
@@ -234,14 +223,10 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     tau = parts[0].tau
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
-    deviation = np.zeros_like(tau)
-    if along.uncertainty is not None:  # the parts have the largest torques of the box
-        largest_torque, tau = tau, along.torques(points)
-        deviation = np.maximum(largest_torque - np.abs(tau), 0.0)
     robot = along.robot
     parameters = robot.parameters.copy()  # the robot's may change later
-    timing = TimeOptimal(motion, points, tau, deviation, robot, parameters, robot.limits,
-                         along.bounds, rate_uses, along.uncertainty)
+    timing = TimeOptimal(motion, points, tau, robot, parameters, robot.limits,
+                         along.bounds, rate_uses)
     _require_resolution(timing)
     return timing
 

@@ -13,7 +13,6 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 
 ACTIVE = 0.99  # least share of a limit that is active
@@ -48,21 +47,17 @@ class TimeOptimal:
     tau : (K, n) array
         Torques at the points of the motion, N m or N. Of elastic joints, those of the
         gears in the columns of links, and those of the motors.
-    deviation : (K, n) array
-        How far the torques may be from `tau`, N m or N; zeros without uncertain parameters.
 
     """
 
     motion: Motion | SmoothMotion
     points: ControllerPoints
     tau: Array
-    deviation: Array
     _robot: Robot
     _parameters: Parameters  # of the call, as are the limits
     _limits: JointLimits
     _bounds: Bounds
     _rate_uses: dict[str, Array]
-    _uncertainty: Uncertainty | None
 
     @cached_property
     def uses(self) -> dict[str, Array]:
@@ -71,12 +66,10 @@ class TimeOptimal:
 
         They are of effort, velocity, power, acceleration, jerk and torque_rate, where
         limited; of the last two the larger one on both sides of a point. Those of the
-        torques of gears are of effort too, in the columns of elastic links. Efforts are
-        the largest ones of uncertain parameters.
+        torques of gears are of effort too, in the columns of elastic links.
         """
         _, _, u, udot = self.points
-        largest_torque = np.abs(self.tau) + self.deviation
-        quantities = largest_torque, u, largest_torque * u, udot
+        quantities = self.tau, u, self.tau * u, udot
         uses = {}
         for name, values, bound in zip(Bounds._fields, quantities, self._bounds):
             if np.isfinite(bound).any():
@@ -100,8 +93,7 @@ class TimeOptimal:
         robot.parameters.assign(self._parameters)
         robot.limits = self._limits
         step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
-        return demand(robot, self.motion, step=step, power=self._bounds.power,
-                      uncertainty=self._uncertainty)
+        return demand(robot, self.motion, step=step, power=self._bounds.power)
 
     @property
     def active(self) -> tuple[ActiveLimit, ...]:

@@ -19,7 +19,6 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion, SmoothState
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -63,9 +62,6 @@ class Demand:
         Limits of the robot.
     power_limit : (n,) array
         W; infinite for no limit.
-    deviation : (N, n) array
-        How far the torques may be from `tau` with uncertain parameters, N m or N; zeros
-        without them. Limits of effort and power are compared with the largest torques.
     gears : tuple of str
         The elastic joints. Their columns of `tau` and `limits.effort` are those of the
         gear, which the limit 'gear' compares; the motor's are those of its own joint.
@@ -80,7 +76,6 @@ class Demand:
     tau: Array
     limits: JointLimits
     power_limit: Array
-    deviation: Array
     gears: tuple[str, ...] = ()
 
     @property
@@ -138,15 +133,14 @@ class Demand:
 
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
         """Yield the limits on absolute values: name, (N, n) values, (n,) bounds."""
-        largest_torque = np.abs(self.tau) + self.deviation
         effort = self.limits.effort
         if self.gears:
             of_gear = np.isin(self.joint_names, self.gears)
-            yield 'gear', largest_torque, np.where(of_gear, effort, math.inf)
+            yield 'gear', self.tau, np.where(of_gear, effort, math.inf)
             effort = np.where(of_gear, math.inf, effort)
-        yield 'effort', largest_torque, effort
+        yield 'effort', self.tau, effort
         yield 'velocity', self.u, self.limits.velocity
-        yield 'power', largest_torque * self.u, self.power_limit
+        yield 'power', self.tau * self.u, self.power_limit
 
     def _worst(self, limit: str, values: Array, beyond: Array, slack: Array,
                bound: Array) -> list[Excess]:
@@ -162,8 +156,7 @@ class Demand:
 
 def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
            step: float = STEP, power: ArrayLike = math.inf,
-           bending: QuasiStatic | None = None,
-           uncertainty: Uncertainty | None = None) -> Demand:
+           bending: QuasiStatic | None = None) -> Demand:
     """
     Return torque, speed and power of a motion, including payload and friction.
 
@@ -194,9 +187,6 @@ def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
         speeds: the torques are those with the deflections in equilibrium along the
         motion, with its gravity and payload. Actuators are at the independent joints;
         the other joints of closed loops have the positions and speeds of rigid beams.
-    uncertainty : Uncertainty, optional
-        Box of uncertain parameters of the robot; the limits hold for all of them. Not with
-        `bending` or elastic joints.
 
     Raises
     ------
@@ -208,14 +198,13 @@ def demand(robot: Robot, motion: Motion | SmoothMotion, *, speed: float = 1.0,
     instance(robot, Robot, 'robot')
     # Elastic joints: demand on motors and gears; otherwise on the joints themselves.
     if robot.drives:
-        refuse_with_drives(bending, uncertainty)
+        refuse_with_drives(bending)
         drives = DrivesAlong(robot, motion, step, power)
         return refined_demand(drives.demand_at, _speed(speed))
     motion_of_rigid_joints(motion)
 
     def at_samples(factor: float, additional: Array) -> Demand:
-        return demand_at(robot, motion, factor, step, power, additional, bending,
-                         uncertainty)
+        return demand_at(robot, motion, factor, step, power, additional, bending)
     return refined_demand(at_samples, speed)
 
 
@@ -235,12 +224,45 @@ def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -
     return at_samples(speed, additional)
 
 
+def excesses_of(demand_with: Callable[[float], Demand], x: float
+                ) -> Sequence[Excess] | InputError:
+    """Return what a demand exceeds, or why it has none; empty if it fits."""
+    try:
+        return demand_with(x).excesses
+    except InputError as error:
+        return error
+
+
+def largest_fitting(demand_with: Callable[[float], Demand], low: float, high: float,
+                    precision: float) -> tuple[float, Sequence[Excess]]:
+    """
+    Return the largest number up to `high` whose demand fits, and what a larger one exceeds.
+
+    By bisection from `low`, which fits, to a relative precision. Raises the InputError of
+    larger numbers if it alone bounds the result.
+    """
+    beyond = excesses_of(demand_with, high)
+    if not beyond:
+        return high, ()
+    while high - low > precision * high:
+        # The geometric mean while the numbers are of different sizes.
+        middle = math.sqrt(low * high) if 0.0 < 2.0 * low < high else 0.5 * (low + high)
+        excesses = excesses_of(demand_with, middle)
+        if excesses:
+            high, beyond = middle, excesses
+        else:
+            low = middle
+    if isinstance(beyond, InputError):
+        raise beyond
+    return low, beyond
+
+
 def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: float,
-              power: ArrayLike, additional: Array, bending: QuasiStatic | None = None,
-              uncertainty: Uncertainty | None = None) -> Demand:
+              power: ArrayLike, additional: Array, bending: QuasiStatic | None = None
+              ) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
     if robot.drives:
-        refuse_with_drives(bending, uncertainty)
+        refuse_with_drives(bending)
         return DrivesAlong(robot, motion, step, power).demand_at(_speed(speed), additional)
     motion = motion_of_rigid_joints(motion)
     t, q, u, udot = sampled(robot, motion, step, additional)
@@ -249,23 +271,15 @@ def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: f
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
-        if uncertainty is not None:
-            raise InputError('uncertainty: given with bending; expected one of them')
     # A mechanism moves all joints with the driving ones; tau is of its actuators.
     if not robot.equations.in_joint_rates:
         whole = whole_motion(robot, motion, t, q, u, udot)
         q, u, udot, tau = _of_mechanism(robot, whole, t, bending)
-        state = whole.q, whole.u, whole.udot
     else:
         tau = (bending or robot).inverse_dynamics(q, u, udot)
-        state = q, u, udot
-    deviation = np.zeros_like(tau)
-    # The uncertainty of the model widens the demand on both sides.
-    if uncertainty is not None:
-        deviation = torque_deviation(robot, *state, uncertainty, t, of_joints=True)
     _require_finite(robot, speed * t, tau)
     return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
-                  per_joint(power, 'power', robot.joint_names, finite=False), deviation)
+                  per_joint(power, 'power', robot.joint_names, finite=False))
 
 
 class DrivesAlong:
@@ -330,7 +344,7 @@ class DrivesAlong:
         q, u, udot, tau = columns
         _require_finite(robot, t, tau)
         return Demand(robot.joint_names, t / speed, q, u, udot, tau, self.limits,
-                      self.power, np.zeros_like(tau), self.gears)
+                      self.power, self.gears)
 
     def _samples(self, additional: Array) -> tuple[Array, SmoothState]:
         """Return the times of samples, (N,), and the motion there; as it was last."""
@@ -356,13 +370,11 @@ def limits_of_drives(robot: Robot) -> JointLimits:
     return replace(limits, effort=effort)
 
 
-def refuse_with_drives(bending: QuasiStatic | None, uncertainty: Uncertainty | None
-                       ) -> None:
-    """Raise InputError for what is defined for robots with rigid joints alone."""
-    for name, value in (('bending', bending), ('uncertainty', uncertainty)):
-        if value is not None:
-            raise InputError(f'{name}: given for a robot with elastic joints; expected '
-                             'None, or rigid joints (with_rigid_joints)')
+def refuse_with_drives(bending: QuasiStatic | None) -> None:
+    """Raise InputError for bending, which is defined for robots with rigid joints alone."""
+    if bending is not None:
+        raise InputError('bending: given for a robot with elastic joints; expected '
+                         'None, or rigid joints (with_rigid_joints)')
 
 
 def motion_of_rigid_joints(motion: Motion | SmoothMotion) -> Motion:
@@ -445,12 +457,6 @@ def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
         force = robot.generalized_force(np.ascontiguousarray(forces), q)
         return robot.joint_torques(force, q)
     return forces
-
-
-def torque_of(power: Array, u: Array) -> Array:
-    """Return the torque for a power at given speeds, (N, n); infinite at rest."""
-    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        return np.asarray(np.where(u == 0.0, math.inf, power / np.abs(u)))
 
 
 def share(value: Array, bound: Array) -> Array:

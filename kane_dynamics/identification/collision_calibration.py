@@ -13,7 +13,6 @@ from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 
 MARGIN = 1.4  # threshold over the largest estimate without contact; above 1 / release
@@ -105,8 +104,8 @@ class _Estimates:
 
 
 def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.0,
-                        margin: float = MARGIN, drift: float = DRIFT, held: bool = False,
-                        uncertainty: Uncertainty | None = None) -> CollisionCalibration:
+                        margin: float = MARGIN, drift: float = DRIFT, held: bool = False
+                        ) -> CollisionCalibration:
     """
     Return thresholds of collision detection from a recording without contact.
 
@@ -135,9 +134,6 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     held : bool
         True if the torques are commands that act until the next row, False if they are
         measured.
-    uncertainty : Uncertainty, optional
-        By how much parameters may differ between the recording and use, for example the
-        payload: thresholds rise by the largest torque of it along the recording.
 
     Raises
     ------
@@ -166,13 +162,10 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     error_time = estimates.t[estimates.settled][errors.argmax(axis=0)]
     unfitted = np.abs(estimates.torque[estimates.settled]).max(axis=0)
 
-    # What may change between the recording and use: friction, and stated uncertainties.
+    # What may change between the recording and use: friction.
     largest_torque = np.abs(motion[3]).max(axis=0)
     allowed = drift * _largest_friction(robot, estimates, friction)
     allowed = np.maximum(allowed, LEAST * largest_torque)
-    if uncertainty is not None:
-        deviation = torque_deviation(robot, *motion[:3], uncertainty, motion[4])
-        allowed = allowed + deviation.max(axis=0)
 
     # An error far above the usual ones of its joint is probably a contact.
     usual = np.quantile(errors, 0.99, axis=0)

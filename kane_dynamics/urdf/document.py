@@ -199,14 +199,6 @@ def _encoding(data: bytes) -> str:
     return declared[1].decode() if declared else 'utf-8'
 
 
-def _short(text: object) -> str:
-    """Return the quoted text, shortened if long."""
-    text = str(text)
-    if len(text) > 80:
-        text = f'{text[:60]}...'
-    return repr(text)
-
-
 def _short_path(path: str) -> str:
     """Return the quoted path; of a long one the end, with the file name."""
     if len(path) > 120:

@@ -66,14 +66,6 @@ def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, ca
                                                                  rel=1e-3)
 
 
-def test_uncertain_parameters_raise_the_thresholds(recording, capsys):
-    thresholds = []
-    for uncertain in ([], ['--uncertain', 'mass=0.1', 'offset=0.05']):
-        assert main([*CALIBRATE, recording, '--json', *uncertain]) == 0
-        thresholds.append(json.loads(capsys.readouterr().out)['threshold'])
-    assert (np.subtract(thresholds[1], thresholds[0]) > 0.05).all()
-
-
 # Gravity by held poses.
 
 NAMES = 'j1', 'j2', 'j3'

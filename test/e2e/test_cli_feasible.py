@@ -164,27 +164,3 @@ def test_drives_of_a_supplement_are_compared_with_the_limits_of_motors_and_gears
     assert main(['feasible', str(URDF), '--supplement', str(supplement), '--motion',
                  str(with_speeds)]) == 2
     assert 'speeds.csv: motion: the' in capsys.readouterr().err
-
-
-def test_uncertain_parameters_leave_less_of_the_limits(trajectory, capsys):
-    uses = []
-    speeds = []
-    for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=30', 'friction=0.3']):
-        _, data = answer(capsys, '--motion', trajectory, '--speed', '0.2',
-                         *uncertain)
-        uses.append(data['torque']['use'])
-        speeds.append(data['fastest']['speed'])
-    assert data['uncertain'] == ['mass=0.2', 'offset=30', 'friction=0.3']
-    effort = np.array(data['torque']['limit'])
-    assert (np.subtract(uses[1], uses[0]) >= 29.9 / effort).all()
-    assert speeds[1] <= speeds[0]
-
-
-def test_the_fastest_timing_of_uncertain_parameters_takes_longer(trajectory, capsys):
-    durations = []
-    for uncertain in ([], ['--uncertain', 'mass=0.2', 'offset=20']):
-        code, data = answer(capsys, '--motion', trajectory, '--time-optimal',
-                            *uncertain)
-        assert code == 0
-        durations.append(data['duration'])
-    assert durations[1] > 1.01 * durations[0]

@@ -18,7 +18,7 @@ from kane_dynamics import (box, CollisionDetector, Controller, Drive, ElasticFee
                            KaneError, load_urdf, LoopError,
                            LoopTracker, ModelBuilder, ModelWarning, MomentumObserver,
                            Motion, PoseFilter, PoseMotion, PosePath, QuasiStatic, Robot,
-                           SmoothMotion, Uncertainty, with_drives)
+                           SmoothMotion, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import (DriveRecording, Efforts, HeldPoses,
                                           PayloadEstimator, Recording, rows)
@@ -32,7 +32,7 @@ EXPECTED = re.compile('expected|Use |use ')  # an error says what is valid
 # What users get as results, and what needs a browser, a bag or processes of its
 # own.
 RESULTS = frozenset((
-    'CartesianMotion', 'FilledTrajectory', 'TorqueBounds', 'Trajectory',
+    'CartesianMotion', 'FilledTrajectory', 'Trajectory',
     'closed_forms.Derivation', 'closed_forms.LinearForm',
     'feasibility.Demand', 'feasibility.PayloadBound', 'feasibility.TimeOptimal',
     'feasibility.TimeScale',
@@ -42,7 +42,7 @@ RESULTS = frozenset((
     'identification.Payload', 'identification.PoseCalibration',
     'identification.RecordingFault', 'identification.TorqueDelays',
     'identification.DriveIdentification', 'optimal_control.OptimizedMotion',
-    'sweep.Summary', 'PosePath', 'Uncertainty', 'Model', 'identification.WatchReport',
+    'sweep.Summary', 'PosePath', 'Model', 'identification.WatchReport',
     'Motion', 'SmoothMotion', 'Linearization'))
 ELSEWHERE = frozenset((
     'identification.ModelWatch',  # of a calibrated recording: its own tests
@@ -71,7 +71,6 @@ LEFT_OUT = frozenset((
     'Robot.generalized_force',
     'Robot.with_payload', 'Robot.derivative', 'Robot.jvp', 'Robot.vjp',
     'Robot.operational_space_inertia', 'Robot.operational_space_bias',
-    'Robot.torque_bounds',
     # Called by loops that have checked their arrays.
     'Controller.torque', 'Controller.gravity_torque', 'Controller.motion_torque',
     'Controller.stopping_motion',
@@ -316,8 +315,7 @@ def stated():
         'identification.friction_motion': {'loads': 2, 'distance': None},
         'closed_forms.derivation': {}, 'ModelBuilder': {'name': 'a'},
         'simulate': {'duration': 0.01, 'torque': (1.0, 2.0)},
-        'feasibility.time_optimal': {'acceleration': 5.0,
-                                     'uncertainty': Uncertainty.of(model, mass=0.1)},
+        'feasibility.time_optimal': {'acceleration': 5.0},
         'feasibility.largest_payload': {'robot': Robot(model, payload_frame='tip')},
         'natural_vibration': {'robot': Robot(beam()), 'q': np.zeros(2)},
         'LoopTracker.update': {'measured': (0.8,)}, 'Controller.command': {'u': U},

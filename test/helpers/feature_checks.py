@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 import energies
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
                            fill_trajectory, Inertial, MomentumObserver, Motion,
-                           natural_vibration, QuasiStatic, Robot, simulate, stiffened,
-                           Uncertainty)
+                           natural_vibration, QuasiStatic, Robot, simulate, stiffened)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
@@ -342,17 +341,6 @@ def constants(case):
     arguments = [by_name[argument.name] for argument in function.arguments]
     assert_close(function(arguments),
                  heavier.inverse_dynamics(case.q, case.u, case.udot, **case.t))
-
-
-def torque_bounds(case):
-    """Compare bounds for uncertain inertial parameters with the regressor's."""
-    model = case.robot.model
-    box = Uncertainty.of(model, mass=0.1, com=0.01, inertia=0.2)
-    bounds = case.robot.torque_bounds(case.q, case.u, case.udot, box, **case.t)
-    Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
-    width = np.abs(Y) @ box.inertial.ravel()
-    assert_close(bounds.upper, inverse(case) + width)
-    assert_close(bounds.lower, inverse(case) - width)
 
 
 def joint_reactions(case):

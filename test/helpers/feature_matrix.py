@@ -107,7 +107,6 @@ ROWS = (
     Row('regressor', check.regressor, {BEAM: NO_TEN}),
     Row('constants of links and joints as arguments', check.constants, {BEAM: NO_TEN},
         pairs=False),
-    Row('torque bounds of uncertain parameters', check.torque_bounds, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
     Row('constraint forces', check.constraint_forces),
     Row('workspace', check.workspace, pairs=False),

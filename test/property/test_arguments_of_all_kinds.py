@@ -3,7 +3,7 @@
 import inspect
 
 from degenerate_input import EXPECTED
-from kane_dynamics import natural_vibration, power_balance, Robot, simulate, Uncertainty
+from kane_dynamics import natural_vibration, power_balance, Robot, simulate
 from kane_dynamics.errors import KaneError
 from kane_dynamics.robot.kernel_set import ALL
 from kinds_of_mechanism import case, KINDS, torque_of
@@ -115,10 +115,6 @@ def other_calls(one):
            {'joint_torques': np.ones(len(robot.joint_names)), 'q': one.q, 't': one.time})
     yield ('derivative', lambda q, u, udot, **named: robot.derivative(
         'inverse_dynamics', q, u, udot, **named), {**state, 'by': 'u', 't': one.time})
-    if not robot.model.flexible:
-        box = Uncertainty.of(robot.model, mass=0.1)
-        yield ('torque_bounds', robot.torque_bounds,
-               {**state, 'uncertainty': box, 't': one.time})
     if not robot.equations.timed and not robot.model.balls:
         yield 'vibration', natural_vibration, {'robot': robot, 'q': one.q, 'held': ()}
     yield ('simulate', simulate, {'robot': robot, 'q0': one.q, 'u0': one.u,

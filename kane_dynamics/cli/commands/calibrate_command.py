@@ -9,8 +9,7 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
-from kane_dynamics.cli.robot_options import (every_joint, load_robot, source_of,
-                                             uncertainty_of)
+from kane_dynamics.cli.robot_options import every_joint, load_robot, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
@@ -47,8 +46,7 @@ def _calibrate_collision(options: Namespace) -> None:
     recording = stated_efforts(options).applied(robot, states)
     calibration = calibrate_collision(robot, recording, gain=options.gain,
                                       margin=options.margin, drift=options.drift,
-                                      held=options.commands,
-                                      uncertainty=uncertainty_of(options, model))
+                                      held=options.commands)
     # A file that the node reads as it is.
     parameters = node_parameters(calibration)
     for remark in remarks(calibration):

@@ -9,8 +9,7 @@ from warnings import catch_warnings, simplefilter
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.analysis.model_checks import examine_model, Finding, print_findings
 from kane_dynamics.cli.printing import brief, print_json
-from kane_dynamics.cli.robot_options import (constraints_of, load_robot, source_of,
-                                             uncertainty_of)
+from kane_dynamics.cli.robot_options import constraints_of, load_robot, source_of
 from kane_dynamics.errors import InputError, ModelError, ModelWarning, UrdfError
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.mjcf import is_mjcf
@@ -54,8 +53,7 @@ def doctor(options: Namespace) -> int:
         # The node's robot has the constraints, motors and loads of the configuration.
         robot = node_robot
         model = node_robot.model
-    findings = [*examine_model(model, robot, model_texts, uncertainty_of(options, model),
-                               _shapes(source)),
+    findings = [*examine_model(model, robot, model_texts, _shapes(source)),
                 *of_configuration]
 
     # The running nodes, which may have prefixed names.

@@ -8,8 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import print_files, print_json, print_table
-from kane_dynamics.cli.robot_options import (load_rigid, one_or_all, uncertainty_of,
-                                             warn_degrees)
+from kane_dynamics.cli.robot_options import load_rigid, one_or_all, warn_degrees
 from kane_dynamics.cli.tables import (QUANTITIES, read_motion, read_smooth_motion,
                                       write_states)
 from kane_dynamics.errors import InputError
@@ -22,7 +21,6 @@ from kane_dynamics.model.elastic_model import with_motors_at_links
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 
 
@@ -32,21 +30,17 @@ def feasible(options: Namespace) -> int:
     robot, bending = load_rigid(options, payload_frame=options.payload_frame)
     motion = _motion(options, robot)
     power = one_or_all(options.power)
-    uncertainty = uncertainty_of(options, robot.model)
     # A path without its timing is another question, with a result of its own.
     if options.time_optimal:
         if bending is not None:
             raise InputError('--time-optimal: given for an arm with beams, whose '
                              'deflection a path does not state; expected rigid links, '
                              'or the highest speed without --time-optimal')
-        return _time_path(options, robot, motion, plot, power, uncertainty)
-    # The largest payload has no box of parameters.
-    of_model: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
-    conditions = {**of_model, 'uncertainty': uncertainty}
+        return _time_path(options, robot, motion, plot, power)
+    conditions: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
     needed = demand(robot, motion, speed=options.speed, **conditions)
     scale = fastest(robot, motion, **conditions)
-    data = {**demand_data(needed), 'uncertain': options.uncertain or [],
-            'speed': options.speed,
+    data = {**demand_data(needed), 'speed': options.speed,
             'fastest': None if scale is None else vars(scale), 'payload': None,
             'files': []}
     # Feasible at no speed: the reason, found at rest.
@@ -54,7 +48,7 @@ def feasible(options: Namespace) -> int:
         data['hopeless'] = _hopeless(robot, motion, conditions)
     if options.payload_frame and needed.fits:
         data['payload'] = vars(largest_payload(robot, motion, com=options.payload_com,
-                                               speed=options.speed, **of_model))
+                                               speed=options.speed, **conditions))
     if options.out:
         _write_fitting(options.out, robot, motion, scale, conditions)
         data['files'].append(options.out)
@@ -106,7 +100,7 @@ def _write_fitting(path: str, robot: Robot, motion: Motion | SmoothMotion,
                          'highest feasible speed')
     needed = demand_at(robot, motion, scale.speed, conditions['step'],
                        conditions['power'], NONE,
-                       conditions['bending'], conditions['uncertainty'])
+                       conditions['bending'])
     # Of two samples at one time keep the later; at both ends those of the motion, not of
     # rest.
     single = np.append(np.diff(needed.t[:-1]) > 1e-9 * needed.t[-1], [True, False])
@@ -169,9 +163,6 @@ def _print_demand(data: dict[str, Any]) -> None:
     print_table(['joint', 'peak torque', 'of limit', 'RMS torque', 'peak speed',
                  'of limit',
                  'peak power'], table)
-    if data['uncertain']:
-        print('torques are those of the model; shares of their limits are the largest '
-              f'for {" ".join(data["uncertain"])}')
     print(f'\npeak power of all joints together {power["peak_of_all"]:.4g} W')
     print('the motion is feasible' if data['fits'] else 'the motion is NOT feasible:')
     for excess in data['excesses']:
@@ -206,13 +197,12 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 # The fastest timing of a path.
 
 def _time_path(options: Namespace, robot: Robot, motion: Motion | SmoothMotion,
-               plot: Any, power: Any, uncertainty: Uncertainty | None) -> int:
+               plot: Any, power: Any) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
     timing = time_optimal(robot, motion, power=power,
                           acceleration=one_or_all(options.acceleration),
                           jerk=one_or_all(options.jerk),
-                          torque_rate=one_or_all(options.torque_rate),
-                          uncertainty=uncertainty)
+                          torque_rate=one_or_all(options.torque_rate))
     # The files come before the print, which names them.
     data = timing_data(timing, motion)
     if options.out:

@@ -179,12 +179,6 @@ class Vector:
         return self.new(f'shufflevector {self.type} {a}, {self.type} {b}, '
                         f'<{self.width} x i32> <{mask}>')
 
-    def nonfinite_bits(self, x: str, most: float = math.inf) -> str:
-        """Return the bits of x - x: zero where |x| is finite and at most `most`."""
-        if math.isfinite(most):  # larger numbers overflow
-            x = self.op('fmul', x, self.const(overflow_scale(most)))
-        return self.bits(self.op('fsub', x, x))
-
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:
         """
         Evaluate sum c_k x^k.

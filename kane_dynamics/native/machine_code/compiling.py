@@ -59,11 +59,6 @@ def collect_automatically(enabled: bool) -> None:
             gc.disable()
 
 
-def gc_is_paused() -> bool:
-    """Return whether a thread is inside `gc_paused`."""
-    return bool(_inside)
-
-
 def _forked() -> None:
     """End the pauses of threads that this forked process does not have."""
     was_paused = bool(_inside)

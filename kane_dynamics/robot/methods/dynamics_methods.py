@@ -16,8 +16,6 @@ from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import (compiled, Dispatch, of_frame,
                                                   of_one_frame)
-from kane_dynamics.robot.torque_bounds import (OfSameBox, torque_bounds, TorqueBounds,
-                                               Uncertainty)
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike
@@ -255,38 +253,6 @@ class DynamicsMethods(Dispatch):
         `mechanics.recursive.regressor` defines the order of parameters.
         """
         return self._call('regressor', (q, u, udot), out, t)
-
-    @OfSameBox
-    def torque_bounds(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
-                      uncertainty: Uncertainty, *, wrench: ArrayLike | None = None,
-                      t: ArrayLike = 0.0) -> TorqueBounds:
-        """
-        Return the smallest and the largest torque for uncertain parameters, N m or N.
-
-        They are exact: each joint's torque reaches both within the box of parameters. The
-        parameters are those of inverse dynamics, in which it is linear: inertial
-        parameters, payload, armature, and friction but for its speed.
-
-        Parameters
-        ----------
-        q, u, udot, wrench, t
-            As in `inverse_dynamics`.
-        uncertainty : Uncertainty
-            The box, of the robot's model.
-
-        Returns
-        -------
-        TorqueBounds
-            lower and upper, (n,) or (N, n) arrays.
-
-        Raises
-        ------
-        InputError
-            The box is not of this robot, or the robot has beams. With load friction: the load
-            of a drive does not belong to one speed.
-
-        """
-        return torque_bounds(self, q, u, udot, uncertainty, wrench, t)
 
     @property
     def inertial_parameters(self) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from kane_dynamics import (CollisionDetector, FrictionError, InputError, load_urdf,
-                           MomentumObserver, Robot, Uncertainty)
+                           MomentumObserver, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.identification import calibrate_collision, Recording
 import numpy as np
@@ -202,22 +202,6 @@ def test_a_contact_in_the_recording_is_reported():
     assert calibration.suspected
     j = calibration.joint_names.index(calibration.suspected[0])
     assert 4.0 < calibration.error_time[j] < 4.2
-
-
-def test_thresholds_rise_by_the_largest_torque_of_uncertain_parameters():
-    arm = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')), payload_frame='tip')
-    t = np.arange(0.0, 4.0, 0.004)
-    q = np.column_stack([np.sin(2.0 * t), 0.7 * np.cos(3.0 * t)])
-    u = np.column_stack([2.0 * np.cos(2.0 * t), -2.1 * np.sin(3.0 * t)])
-    udot = np.column_stack([-4.0 * np.sin(2.0 * t), -6.3 * np.cos(3.0 * t)])
-    run = Recording(t, q, u, udot, arm.inverse_dynamics(q, u, udot))
-    box = Uncertainty.of(arm.model, payload_mass=0.3)
-    sure = calibrate_collision(arm, run)
-    unsure = calibrate_collision(arm, run, margin=1.5, uncertainty=box)
-    bounds = arm.torque_bounds(q, u, udot, box)
-    width = 0.5 * (bounds.upper - bounds.lower).max(axis=0)
-    np.testing.assert_allclose(unsure.threshold / 1.5, sure.threshold / 1.4 + width,
-                               rtol=1e-9)
 
 
 def test_a_force_on_a_resting_joint_is_never_taken_for_friction():

@@ -267,8 +267,6 @@ BAD = [
      InputError, 'as many as independent speeds of the links'),
     (lambda: demand(robot_of(), 3), InputError, 'motion: a int; expected a Motion'),
     (lambda: demand(robot_of(), move(), speed=0.0), InputError, 'speed: 0'),
-    (lambda: demand(robot_of(), move(), uncertainty=1), InputError,
-     'uncertainty: given for a robot with elastic joints'),
     (lambda: fastest(robot_of(), move(), bending=1), InputError, 'bending: given'),
     (lambda: demand(robot_of(), move(), power=-1.0), InputError, 'power'),
     (lambda: largest_payload(
