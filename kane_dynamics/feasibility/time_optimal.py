@@ -15,7 +15,6 @@ from kane_dynamics._util.checks import (instance, integer, limit_per_joint,
                                         number)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.elastic_timing import elastic_timing
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import RateBounds
 from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limited
@@ -29,7 +28,6 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     largest_profile)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
-from kane_dynamics.feasibility.torque_demand import limits_of_drives
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import has_linear_damping, refuse_load_friction
@@ -71,43 +69,35 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     Torques include friction and the payload. The path is followed exactly at the points
     of the result, and to rounding between them.
 
-    With elastic joints the limits are those of motors and gears, and the motion has four
-    continuous derivatives: torques do not jump. It is the fastest one, to a local optimum,
-    whose path parameter is a spline of degree seven in time (`elastic_timing`).
-
     Parameters
     ----------
     robot : Robot
-        Without beams. With chosen speeds or constraints, the limits of all joints count,
-        those of effort and power where joints have actuators (`Robot.joint_torques`).
+        Without beams and elastic joints. With chosen speeds or constraints, the limits of
+        all joints count, those of effort and power where joints have actuators
+        (`Robot.joint_torques`).
     path : Motion, SmoothMotion or (K, n) array_like
         A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic
-        spline is drawn; with elastic joints one of degree five, of the links. A motion
-        of elastic joints must not rest or have corners inside; without elastic joints it
-        is a Motion. The result rests where the motion rests between its ends,
-        without dwells. With constraints, of as many joints as there are independent
+        spline is drawn. The result rests where the motion rests between its ends, without
+        dwells. With constraints, of as many joints as there are independent
         speeds, which determine the others as in `demand`; waypoints are of the joints
         that follow motions (`ComputedTorque`).
     power : float or (n,) array_like
-        Limit on the absolute mechanical power of each joint, W; of elastic joints, of
-        the motors.
+        Limit on the absolute mechanical power of each joint, W.
     acceleration : float or (n,) array_like
         Limit on the absolute acceleration of each joint, rad/s^2 or m/s^2.
     jerk : float or (n,) array_like
         Limit on the absolute jerk of each joint, rad/s^3 or m/s^3.
     torque_rate : float or (n,) array_like
         Limit on the absolute rate of the torque of each joint, N m/s or N/s, without
-        Coulomb friction, which changes almost at once where a joint reverses. Elastic
-        joints take neither this limit nor that of jerk.
+        Coulomb friction, which changes almost at once where a joint reverses.
     start_speed, end_speed : float
         Euclidean norm of the velocities of the path's joints at its ends, rad/s or m/s;
-        0 with limits of jerk or torque rate, and with elastic joints.
+        0 with limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
     rest : (n_q,) array_like, optional
         With constraints: a nearly closed configuration, whose assembly mode is kept on
-        the way from there to the start of the path and along it. Elastic joints take
-        that of the robot's `configuration`. Default: that of the
+        the way from there to the start of the path and along it. Default: that of the
         robot, or else the closure that is found from zeros, as in `demand`.
 
     Raises
@@ -126,6 +116,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     if robot.equations.tree.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')
+    if robot.drives:
+        raise InputError('robot: elastic joints; expected rigid ones (with_rigid_joints), '
+                         'and `fastest` for a SmoothMotion of the elastic ones')
     if robot.friction:
         refuse_load_friction(robot.model, 'time_optimal')
     names = robot.joint_names
@@ -139,23 +132,9 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
     limits_rates = bool(np.isfinite(rates).any())
     speeds = _speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')
     points = integer(points, 'points', 10, MOST_SAMPLES)
-    # Elastic joints have limits of motors, gears and links on a law of time of their
-    # own.
-    if robot.drives:
-        if limits_rates:
-            raise InputError('robot: elastic joints with a limit of jerk or torque rate; '
-                             'expected neither')
-        if any(speeds):
-            raise InputError(f'speeds at the ends: {list(speeds)} of elastic joints; '
-                             'expected 0')
-        if rest is not None:
-            raise InputError('rest: given for elastic joints; expected None, and the '
-                             'configuration of the robot, Robot(..., configuration=)')
-        return _with_drives(robot, path, bounds)
     # A path is one of positions alone: the timing of a SmoothMotion would be ignored.
     if isinstance(path, SmoothMotion):
-        raise InputError('path: a SmoothMotion for a robot with rigid joints; expected a '
-                         'Motion or waypoints')
+        raise InputError('path: a SmoothMotion; expected a Motion or waypoints')
     # The path with the dynamics of the robot along it, then the profile of its speed.
     along = PathRobot(robot, path, bounds, rest)
     if limits_rates:
@@ -163,18 +142,6 @@ def time_optimal(robot: Robot, path: Motion | SmoothMotion | ArrayLike, *,
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
     return _result(along, parts, {})
-
-
-def _with_drives(robot: Robot, path: Motion | SmoothMotion | ArrayLike, bounds: Bounds
-                 ) -> TimeOptimal:
-    """Return a fast motion of elastic joints within the limits of their drives."""
-    power = bounds.power.copy()
-    power[[elastic.link for elastic in robot.drives]] = math.inf  # that of motors counts
-    bounds = bounds._replace(effort=limits_of_drives(robot).effort, power=power)
-    timing = elastic_timing(robot, path, bounds)
-    return TimeOptimal(timing.motion, timing.points, timing.tau,
-                       np.zeros_like(timing.tau), robot, robot.parameters.copy(),
-                       robot.limits, bounds, {}, None)
 
 
 def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:

@@ -10,7 +10,6 @@ from kane_dynamics.feasibility.samples import MOST_SAMPLES, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.smooth_motion import SmoothMotion
 from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -38,19 +37,17 @@ class TimeOptimal:
 
     Attributes
     ----------
-    motion : Motion or SmoothMotion
-        The motion, with continuous accelerations between rests. With elastic joints, a
-        SmoothMotion of the links.
+    motion : Motion
+        The motion, with continuous accelerations between rests.
     points : ControllerPoints
         Its K points for a controller that interpolates quintics: at the two points of a
         rest between sections, the accelerations before and after it.
     tau : (K, n) array
-        Torques at the points of the motion, N m or N. Of elastic joints, those of the
-        gears in the columns of links, and those of the motors.
+        Torques at the points of the motion, N m or N.
 
     """
 
-    motion: Motion | SmoothMotion
+    motion: Motion
     points: ControllerPoints
     tau: Array
     _robot: Robot
@@ -65,8 +62,7 @@ class TimeOptimal:
         Return the shares of the limits at the points of the motion, (K, n) arrays.
 
         They are of effort, velocity, power, acceleration, jerk and torque_rate, where
-        limited; of the last two the larger one on both sides of a point. Those of the
-        torques of gears are of effort too, in the columns of elastic links.
+        limited; of the last two the larger one on both sides of a point.
         """
         _, _, u, udot = self.points
         quantities = self.tau, u, self.tau * u, udot

@@ -9,7 +9,7 @@ from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sample_times,
                                                sampled, STEP, times_to_refine)
 from kane_dynamics.loop_tracking.driven_mechanism import (mechanism_motion,
@@ -225,11 +225,11 @@ def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -
 
 
 def excesses_of(demand_with: Callable[[float], Demand], x: float
-                ) -> Sequence[Excess] | InputError:
+                ) -> Sequence[Excess] | KaneError:
     """Return what a demand exceeds, or why it has none; empty if it fits."""
     try:
         return demand_with(x).excesses
-    except InputError as error:
+    except KaneError as error:
         return error
 
 
@@ -238,7 +238,7 @@ def largest_fitting(demand_with: Callable[[float], Demand], low: float, high: fl
     """
     Return the largest number up to `high` whose demand fits, and what a larger one exceeds.
 
-    By bisection from `low`, which fits, to a relative precision. Raises the InputError of
+    By bisection from `low`, which fits, to a relative precision. Raises the error of
     larger numbers if it alone bounds the result.
     """
     beyond = excesses_of(demand_with, high)
@@ -252,7 +252,7 @@ def largest_fitting(demand_with: Callable[[float], Demand], low: float, high: fl
             high, beyond = middle, excesses
         else:
             low = middle
-    if isinstance(beyond, InputError):
+    if isinstance(beyond, KaneError):
         raise beyond
     return low, beyond
 

@@ -297,39 +297,6 @@ def _jump(what: str, joint: str, size: float, place: str) -> InputError:
                       'the torque rate of an elastic joint would jump')
 
 
-class SmoothCurve:
-    """
-    Spline of degree five through points, as a path: it does not rest at its ends.
-
-    Its third and fourth derivatives vanish there, as those of a straight line do. The
-    parameter is the length of the straight lines between the points.
-
-    Attributes
-    ----------
-    length : float
-        Parameter of the last point, rad or m.
-
-    """
-
-    def __init__(self, positions: Array) -> None:
-        """Create the curve through different points, (K, n), K >= 2, unchecked."""
-        if len(positions) == 2:  # the conditions at the ends need three
-            positions = np.stack([positions[0], positions.mean(axis=0), positions[1]])
-        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-        places = np.concatenate([[0.0], np.cumsum(steps)])
-        self.length = float(places[-1])
-        self._places, self._coefficients = _spline(places, positions, 5, range(3, 5),
-                                                   np.array)
-
-    def sample(self, parameters: Array) -> SmoothState:
-        """Return positions and four derivatives at parameters, (K, n) arrays each."""
-        pieces = np.searchsorted(self._places[1:-1], parameters, side='right')
-        coefficients = self._coefficients[pieces]
-        beyond = parameters - self._places[pieces]
-        return SmoothState(*[_polynomials(coefficients, beyond, order)
-                             for order in range(DERIVATIVES + 1)])
-
-
 def _spline(t: Array, q: Array, degree: int, orders: Iterable[int],
             knots_of: Callable[[Array], Array]) -> tuple[Array, Array]:
     """

@@ -40,6 +40,8 @@ NO_ROTATION = (
     'The position of a ball joint is a rotation, which joint states do not state.')
 SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a '
         'message.')
+NO_JUMP = ('The torques of the fastest motion along a path jump, which springs do not '
+           'transmit; `fastest` scales a SmoothMotion.')
 BY_MOTORS = ('Motors move the links of elastic joints through springs: '
              '`MotorSideControl`, its '
              '`trajectory` and the other laws of elastic joints command them.')
@@ -163,8 +165,8 @@ ROWS = (
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,
-        BALL: NO_ANGLE}, {ELASTIC: 'test/unit/feasibility/test_elastic_timing.py::'
-                          'test_no_limit_is_exceeded_and_one_is_always_near'}),
+        BALL: NO_ANGLE,
+        ELASTIC: NO_JUMP}),
     Row('`TrajectoryOptimizer`', check.optimized, {ELASTIC: BY_MOTORS}),
     Row('`fill_trajectory`, beams by `QuasiStatic`', check.filled, {
         ROLLING: NO_SHAPE,

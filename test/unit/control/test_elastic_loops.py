@@ -8,9 +8,8 @@ import pickle
 from differentiated import taylor_motion, time_derivatives
 from kane_dynamics import (absolute_rates, ConstraintError, DependentSpeeds, Drive,
                            ElasticFeedforward, Inertial, InputError, knife_edge,
-                           ModelBuilder, momenta, Motion, Prescribed, Robot, rod,
-                           SmoothMotion, Speeds, StiffnessCurve, with_drives,
-                           with_rigid_joints)
+                           ModelBuilder, momenta, Prescribed, Robot, rod,
+                           SmoothMotion, Speeds, StiffnessCurve, with_drives)
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.model.elastic_model import link_side
 from linkages import four_bar_model, PIN
@@ -354,45 +353,8 @@ def test_the_demand_of_a_loop_is_that_of_its_motors_and_gears():
     assert (scale.joint, scale.limit) == ('crank_motor', 'velocity')
     uses = demand(robot, motion, speed=scale.speed).uses
     assert max(use.max() for use in uses.values()) == pytest.approx(1.0, abs=1e-3)
-    with pytest.raises(InputError, match='rest: given for elastic joints'):
-        time_optimal(robot, motion, rest=[0.0, 0.0, 0.0, 0.0])
-
-
-@pytest.mark.slow
-def test_the_timing_of_a_loop_uses_its_limits_and_is_near_that_of_rigid_joints():
-    limits = {'motor_effort': 60.0, 'motor_velocity': 4.0, 'gear_effort': 50.0}
-    drive = Drive(2e4, rotor_inertia=0.2, **limits)
-    robot = Robot(with_drives(four_bar_model(), {'crank': drive}), constraints=[PIN])
-    motion = SmoothMotion.from_points([0.0, 1.0], [[0.5], [2.0]], joint_names=['crank'])
-    timing = time_optimal(robot, motion)
-    uses = demand(robot, timing.motion).uses
-    assert 0.95 < max(use.max() for use in uses.values()) < 1.001
-    # With rigid joints torques may jump: a bound that stiff drives come near to.
-    rigid = with_rigid_joints(robot.model)
-    bodies = []
-    for body in rigid.bodies:
-        bounds = replace(body.joint.limits, effort=60.0, velocity=4.0)
-        if body.joint.name != 'crank':
-            bounds = replace(body.joint.limits, effort=math.inf, velocity=math.inf)
-        bodies.append(replace(body, joint=replace(body.joint, limits=bounds)))
-    rigid = Robot(replace(rigid, bodies=tuple(bodies)), constraints=[PIN],
-                  independent=['crank'], actuated=['crank'])
-    least = time_optimal(rigid, Motion.from_points(
-        [0.0, 1.0], [[0.5], [2.0]], [[1.5], [1.5]], joint_names=['crank'])).duration
-    assert least < timing.duration < 1.15 * least
-    # A path is also one of points, of the independent speeds.
-    same = time_optimal(robot, [[0.5], [1.25], [2.0]])
-    assert same.duration == pytest.approx(timing.duration, rel=0.02)
-    # Joints that follow keep their limits of position.
-    bodies = []
-    for body in robot.model.bodies:
-        joint = body.joint
-        if joint.name == 'rocker':
-            joint = replace(joint, limits=replace(joint.limits, upper=-1.7))
-        bodies.append(replace(body, joint=joint))
-    limited = Robot(replace(robot.model, bodies=tuple(bodies)), constraints=[PIN])
-    with pytest.raises(InputError, match="joint 'rocker': position"):
-        time_optimal(limited, motion)
+    with pytest.raises(InputError, match='robot: elastic joints; expected rigid ones'):
+        time_optimal(robot, [[0.5], [2.0]])
 
 
 def test_copies_arguments_that_no_equation_uses_and_deflections_are_checked():

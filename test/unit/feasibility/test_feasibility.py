@@ -85,17 +85,6 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(
     assert not above.any()
 
 
-@pytest.mark.parametrize(('seed', 'effort'), [
-    (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
-    (1339, 15.264592834744503), (1422, 47.19545903456095)])
-def test_speed_is_found_despite_rounding_at_the_limit(seed, effort):
-    time_scale = fastest(limited(effort), motion(seed), **STEPS)
-    for factor, keeps_limits in ((1.0 - 1e-8, True), (1.0 + 1e-8, False)):
-        assert allowed(
-            limited(effort), motion(seed), np.array([time_scale.speed * factor]),
-            step=1e-4, more=[time_scale.t * time_scale.speed]).all() == keeps_limits
-
-
 @cache
 def pendulum():
     """Return a pendulum of 1 kg and 1 m, and one free turn of it, end to end."""
