@@ -17,8 +17,7 @@ from hyperdual import lifted, seeded
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import joint_positions, require_angles
 from kane_dynamics.mechanics.elastic_joints import spring_energy
-from kane_dynamics.mechanics.energy_form.finite_poses import (generator, joint_matrices,
-                                                             poses)
+from kane_dynamics.mechanics.energy_form import finite_poses
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Joint, Model, WORLD
@@ -27,13 +26,13 @@ import numpy as np
 
 def pose_rates(model: Model, q: Vector, u: Vector) -> list[Matrix]:
     """Return the time derivatives of the poses of all bodies, (4, 4) each."""
-    body_poses = poses(model, q)
-    matrices = joint_matrices(model, q)
+    body_poses = finite_poses.poses(model, q)
+    matrices = finite_poses.joint_matrices(model, q)
     positions = joint_positions(model, q)
     result: list[Matrix] = []
     for i, body in enumerate(model.bodies):
         # The generator K commutes with exp(K x), so it multiplies from the right.
-        K, _ = generator(body.joint)
+        K, _ = finite_poses.generator(body.joint)
         rate = (body_poses[i] @ K) * _rate(body.joint, positions, u)
         if body.parent != WORLD:
             rate = result[body.parent] @ matrices[i] + rate
@@ -54,7 +53,7 @@ def kinetic_energy(model: Model, q: Vector, u: Vector) -> Scalar:
     # Bending adds the kinetic energy of the bent beam less that of the straight one.
     if model.flexible:
         positions = joint_positions(model, q)
-        for body, T, T_rate in zip(model.bodies, poses(model, q), body_rates):
+        for body, T, T_rate in zip(model.bodies, finite_poses.poses(model, q), body_rates):
             if body.beam is not None:
                 twice = twice + _bending(body.beam, T, T_rate, positions, u)
     return 0.5 * twice
@@ -124,7 +123,7 @@ def potential_energy(model: Model, q: Vector, *,
     """Return the potential energy of gravity (zero at the origin) and springs, J."""
     g = model.gravity if gravity is None else gravity
     total: Scalar = 0.0
-    body_poses = poses(model, q)
+    body_poses = finite_poses.poses(model, q)
     q = joint_positions(model, q)
     for body, T in zip(model.bodies, body_poses):
         # Gravity: -g . (m p_com); the last column of J is the first moment.

@@ -11,6 +11,7 @@ from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf,
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.analysis.vibration import stiffness_matrix
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import finite_poses
 from kane_dynamics.model.model import with_payload
 from lagrange_constrained import EnergyForm, PasserelloHuston
 from mechanisms import with_inertia_in
@@ -221,7 +222,7 @@ def test_energy_split_is_the_volume_integral():
     model = arm()
     q, u, _ = states(model, 6)
     rates = energies.pose_rates(model, q, u)
-    poses = energies.poses(model, q)
+    poses = finite_poses.poses(model, q)
     for body, T, T_rate in zip(model.bodies, poses, rates):
         beam = body.beam
         if beam is None:
