@@ -53,7 +53,8 @@ def kinetic_energy(model: Model, q: Vector, u: Vector) -> Scalar:
     # Bending adds the kinetic energy of the bent beam less that of the straight one.
     if model.flexible:
         positions = joint_positions(model, q)
-        for body, T, T_rate in zip(model.bodies, finite_poses.poses(model, q), body_rates):
+        body_poses = finite_poses.poses(model, q)
+        for body, T, T_rate in zip(model.bodies, body_poses, body_rates):
             if body.beam is not None:
                 twice = twice + _bending(body.beam, T, T_rate, positions, u)
     return 0.5 * twice
