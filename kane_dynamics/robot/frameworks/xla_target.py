@@ -79,7 +79,7 @@ def _handler(function: BatchFunction, name: str) -> object:
     kept = ((ctypes.c_int64 * len(sizes))(*sizes), (ctypes.c_double * len(limits))(*limits))
     batch = Described(
         kernel.compile_lanes(), len(sizes), width(), max(1, WORK // max(operations, 1)),
-        thread_count(), interface()[1], *map(ctypes.addressof, kept))
+        thread_count(), interface()[1], *[ctypes.addressof(array) for array in kept])
     text = HANDLER.format(handle=loops().address('handle'), batch=ctypes.addressof(batch))
     code = llvm.Code(llvm.assemble(text, 2, optimise=True))
     handler = code.function('handler', ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
