@@ -19,7 +19,7 @@ equations = ['sympy>=1.12']
 # are read without ROS.
 identify = ['scipy>=1.11', 'clarabel>=0.9', 'threadpoolctl>=3.5', 'rosbags>=0.10']
 # Tables; workers elsewhere.
-sweep = ['pyarrow>=14', 'distributed>=2024.1']
+sweep = ['pyarrow>=14']
 casadi = ['casadi>=3.6.7']
 torch = ['torch>=2.6']  # a CPU build will do
 jax = ['jax>=0.7']

@@ -71,8 +71,6 @@ def _sweep(sub: ArgumentParser) -> None:
                      help='folder of the parquet files: new, or that of this sweep')
     sub.add_argument('--workers', type=int, metavar='N',
                      help='processes (default: all cores)')
-    sub.add_argument('--dask', metavar='ADDRESS',
-                     help='address of a Dask scheduler whose workers run it')
     add_plot(sub, 'torques and errors over the values that vary')
     _add_output(sub)
 

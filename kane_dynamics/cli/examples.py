@@ -29,7 +29,6 @@ examples:
   kane-dynamics sweep payloads.yaml --out payloads
   kane-dynamics sweep payloads.yaml --out payloads --workers 4 --json
   kane-dynamics sweep payloads.yaml --out payloads --plot payloads.png
-  kane-dynamics sweep payloads.yaml --out payloads --dask tcp://127.0.0.1:8786
 
 payloads.yaml, for example:
   urdf: arm.urdf

@@ -35,7 +35,6 @@ NEEDS: Needs = {
 OF_FIT = ('friction_only', 'unbounded', 'weight', 'friction')
 EXCLUDED: Needs = {
     'torque': {'motion': ('q', 'u', 'udot')},
-    'sweep': {'dask': ('workers',)},
     'inspect': {'against': ('constraints',)},
     'equations': {'json': ('format',)},
     'identify': {'payload': (*OF_FIT, 'standstill', 'base_parameters'),

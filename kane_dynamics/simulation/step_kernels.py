@@ -15,7 +15,6 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.held_joints import (held_solution, linear_system)
 from kane_dynamics.mechanics.integrators.interface import StageRates
-from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -317,13 +316,6 @@ class RobotMotion:
         rates = self.called(self._stage, q, u, tau, inputs, *first, np.array(g))
         n_j, n = self.robot.model.n, self.robot.n
         return StageRates(*np.split(np.array(rates), [n_j, n_j + n]))
-
-    @lazy_property
-    def tree_terms(self) -> TreeTerms | None:
-        """Return mass matrix and forces of a tree with linear springs and dampers."""
-        wrench = self._wrench[0] if self._wrench else None
-        physical = self._parameters[:self.robot.parameters.physical]
-        return tree_terms(self.equations, wrench, physical)
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""

@@ -13,7 +13,7 @@ from kane_dynamics.native.runtime.threads import MAX_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
 from kane_dynamics.sweep.table import SweepTable
-from kane_dynamics.sweep.workers import cluster, Done, here, processes
+from kane_dynamics.sweep.workers import Done, here, processes
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,7 @@ class Summary:
 
 
 def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
-              workers: int | None = None,
-              dask: str | None = None) -> Summary:
+              workers: int | None = None) -> Summary:
     """
     Complete the table of a sweep in a folder.
 
@@ -48,9 +47,6 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
         Number of processes. Default: ``KANE_DYNAMICS_THREADS``, else one per processor.
         1 runs in this process. More than 1 requires ``if __name__ == '__main__':`` in
         the calling script.
-    dask : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``, whose workers run the
-        sweep. They need the same version of this package.
 
     Returns
     -------
@@ -59,8 +55,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
     Raises
     ------
     InputError
-        If the folder has other content, the cluster does not exist, or a package is
-        missing.
+        If the folder has other content, or a package is missing.
     ConstraintError
         If a function of time jumps, as in `simulate`.
     SweepError
@@ -88,7 +83,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
             if simulator.step_text is not None:
                 warnings.warn(simulator.step_text, ModelWarning, stacklevel=2)
         with (progress_bar('simulating', sweep.samples) as progress,
-              closing(_computed(sweep, work, chunks, workers or thread_count(), dask))
+              closing(_computed(sweep, work, chunks, workers or thread_count()))
               as results):
             # Each chunk is written when it is complete, so that an interrupted sweep
             # goes on from there.
@@ -100,17 +95,14 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
     return Summary(present, computed, failed, table.digest)
 
 
-def _computed(sweep: Sweep, work: bytes, chunks: Sequence[int], workers: int,
-              dask: str | None) -> Done:
+def _computed(sweep: Sweep, work: bytes, chunks: Sequence[int], workers: int) -> Done:
     """Compute chunks; yield them as they finish."""
     if chunks[:1] == [0] and len(sweep.rows(0)) < sweep.chunk:
         # A short first chunk comes before workers start, so that its rows are seen
         # early.
         yield from here(work, [0])
         chunks = chunks[1:]
-    if dask is not None:
-        yield from cluster(work, chunks, dask)
-    elif min(workers, len(chunks)) < 2:
+    if min(workers, len(chunks)) < 2:
         yield from here(work, chunks)
     else:
         yield from processes(work, chunks, workers)

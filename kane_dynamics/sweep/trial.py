@@ -31,7 +31,6 @@ from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths
                                                               WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.interface import StageRates
-from kane_dynamics.mechanics.integrators.linear_step import tree_terms, TreeTerms
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -359,11 +358,6 @@ class TrialMotion:
                           *self._time(moment), padded(robot, self._carried))
         n_j = robot.model.n
         return StageRates(np.array(rates[:n_j]), np.array(rates[n_j:]))
-
-    @lazy_property
-    def tree_terms(self) -> TreeTerms | None:
-        """Return mass matrix and forces of a tree with linear springs and dampers."""
-        return tree_terms(self.equations, None, self._carried, self._factors)
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time, work, squared errors and margin."""

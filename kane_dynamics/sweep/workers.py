@@ -1,4 +1,4 @@
-"""Workers that compute chunks: this process, a process pool, or a Dask cluster."""
+"""Workers that compute chunks: this process, or a process pool."""
 
 from collections.abc import Collection, Generator
 from concurrent.futures import as_completed, ProcessPoolExecutor
@@ -8,16 +8,13 @@ import multiprocessing
 import os
 import signal
 from threading import Thread
-from typing import Any
 
-from kane_dynamics.errors import InputError, SweepError
+from kane_dynamics.errors import SweepError
 from kane_dynamics.native.runtime import threads
 from kane_dynamics.sweep.simulator import Columns, compute
-from kane_dynamics.sweep.table import needed
 
 Done = Generator[tuple[int, Columns], None, None]
 MOST_DEATHS = 3  # worker deaths in a row without a finished chunk
-CONNECT_TIMEOUT = 10  # s
 
 
 def here(work: bytes, chunks: Collection[int]) -> Done:
@@ -70,48 +67,6 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
             raise SweepError(f'workers: {deaths} died before finishing a chunk; '
                              "expected enough memory, and `if __name__ == '__main__':` "
                              'in the script that starts the sweep')
-
-
-def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
-    """
-    Compute chunks on the Dask cluster at an address; yield them as they finish.
-
-    Dask reassigns the chunks of a worker that died.
-
-    Raises
-    ------
-    InputError
-        If there is no cluster.
-    SweepError
-        If the connection is lost, or a worker cannot run a chunk.
-
-    """
-    distributed = needed('distributed')
-    try:
-        client = distributed.Client(address, timeout=CONNECT_TIMEOUT,
-                                    set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"dask: '{address}': {error}; expected the address of a Dask "
-                         'scheduler') from None
-    # Futures by chunk, so that an error names the chunk and the rest is cancelled.
-    futures: dict[Any, int] = {}
-    try:
-        for chunk in chunks:
-            futures[client.submit(compute, work, chunk, pure=False)] = chunk
-        # Chunks are independent, so that they may finish in any order.
-        for future in distributed.as_completed(list(futures), loop=client.loop):
-            chunk = futures.pop(future)
-            try:
-                rows = future.result()
-            except (distributed.KilledWorker, distributed.client.FutureCancelledError,
-                    ImportError, OSError, RuntimeError) as error:
-                raise SweepError(f"chunk {chunk} on the Dask cluster at '{address}': "
-                                 f'{error}; finished rows are kept') from error
-            future.release()
-            yield chunk, rows
-    finally:
-        client.cancel(list(futures))
-        client.close()
 
 
 def _begin() -> None:

@@ -97,7 +97,6 @@ DOORS = {
     'ament_index_python': ('ros',),
     'casadi': (),  # by name only, when a function for it is asked for
     'control_msgs': (),  # by name only, where a parameter asks for it
-    'distributed': ('sweep',),
     'example_robot_data': (),
     'jax': ('robot/frameworks',),
     'kane_dynamics_interfaces': ('demo', 'ros'),

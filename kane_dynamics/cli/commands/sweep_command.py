@@ -64,8 +64,7 @@ def sweep(options: Namespace) -> int:
     described = read_sweep(options.sweep, options.verbose)
     start = time.perf_counter()
     with model_warnings():
-        run = run_sweep(described, options.out, workers=options.workers,
-                        dask=options.dask)
+        run = run_sweep(described, options.out, workers=options.workers)
     data = _summary(options.out, run, time.perf_counter() - start)
     if options.json:
         print_json(data)

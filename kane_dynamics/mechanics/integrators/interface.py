@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple, Protocol
 
 from kane_dynamics._util.typing import Scalar, Vector
-from kane_dynamics.mechanics.integrators.linear_step import TreeTerms
 
 
 class StageRates(NamedTuple):
@@ -37,10 +36,6 @@ class System(Protocol):
     @property
     def bristles(self) -> int:
         """Return the number of joints whose friction has a state of its own."""
-
-    @property
-    def tree_terms(self) -> TreeTerms | None:
-        """Return the terms of `linear_step`; None if stages are those of `implicit_stage`."""
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of the whole state."""

@@ -10,7 +10,6 @@ The method is the second-order Rosenbrock method of Verwer, Spee, Blom & Hundsdo
 (SIAM J. Sci. Comput. 20 (1999), eq. 1.6). It is of second order for any linearization; a
 better linearization allows larger steps. With linear friction and springs it is
 unconditionally stable. T is constant in the linearization, and so are all other forces.
-Trees whose springs and dampers are linear have it in the form of `linear_step`.
 
 Joints with bristles have deflections z beside q and u. With a = `bristle_decay`, b =
 `bristle_slope`, the stiffness s and the damping s_d of the bristles, each stage solves
@@ -37,7 +36,6 @@ from kane_dynamics.mechanics.friction import (bristle_decay, bristle_rate, brist
 from kane_dynamics.mechanics.integrators.held_joints import (
     held_solution, linear_system, Solution, Solver)
 from kane_dynamics.mechanics.integrators.interface import StageRates, System
-from kane_dynamics.mechanics.integrators.linear_step import LinearStep, TreeTerms
 import numpy as np
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
@@ -305,8 +303,6 @@ class Rosenbrock:
     def step(self, system: System, state: Vector, h: Scalar) -> Vector:
         """Return the state after a step of h, s; quadratures by the trapezoidal rule."""
         equations = system.equations
-        if system.tree_terms is not None:
-            return self._linear(system, system.tree_terms, state, h)
         # The state is q, u, the time where it counts, bristles, then quadratures.
         timed = len(equations.time_inputs('t'))
         ends = np.cumsum([equations.n_q, equations.n, timed, system.bristles])
@@ -316,15 +312,6 @@ class Rosenbrock:
         integrated = np.concatenate([time, others])
         quadratures = _integrated(system, (q, u), (q_1, u_1), integrated, h)
         return np.concatenate([q_1, u_1, quadratures[:timed], z_1, quadratures[timed:]])
-
-    @staticmethod
-    def _linear(system: System, terms: TreeTerms, state: Vector, h: Scalar) -> Vector:
-        """Return the state after a step of a tree with linear springs and dampers."""
-        equations = system.equations
-        q, u, others = np.split(state, [equations.n_q, equations.n_q + equations.n])
-        q_1, u_1 = LinearStep(equations, GAMMA).step(terms, system.torque, q, u, h)
-        quadratures = _integrated(system, (q, u), (q_1, u_1), others, h)
-        return np.concatenate([q_1, u_1, quadratures])
 
 
 def _integrated(system: System, before: tuple[Vector, Vector], after: tuple[Vector, Vector],

@@ -70,7 +70,7 @@ OWN = [
     (f'{CALLS["simulate"]} --motion m.csv --q0 0 1', '--kp 1'),
     (f'{CALLS["simulate"]} --motion m.csv --u0 0 1', '--kd 1'),
     (f'{CALLS["simulate"]} --plot p.png', '--plot-of energy'),
-    (CALLS['sweep'], '--workers 0'), (CALLS['sweep'], '--dask nowhere'),
+    (CALLS['sweep'], '--workers 0'),
     (CALLS['sweep'], '--plot p.png'), ('sweep sweep.yaml', '--out s'),
     ('export arm.urdf -o c.c', '--kernel mass_matrix'), (CALLS['export'], '--float32'),
     (CALLS['export'], '--no-self-test'), (CALLS['export'], '--wrench-frames link2'),
