@@ -182,7 +182,7 @@ $(CROCODDYL_VENV)/.tools: $(VENV)/.uv
 
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
-  benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
+  benchmarks/learning_functions.py benchmarks/time_optimal.py \
   benchmarks/first_uses.py benchmarks/method_overheads.py \
   benchmarks/predictive_control.py benchmarks/task_space_laws.py benchmarks/task_space_calls.py \
   benchmarks/node_latency.py,palletizer benchmarks/node_latency.py \

@@ -4,19 +4,14 @@ from functools import cache
 import sys
 
 from framework_states import arm, driven
-from kane_dynamics import (CompileError, ConstraintError, InputError, load_urdf,
-                           ModelBuilder, Robot, rod, Speeds)
-from kane_dynamics.native.machine_code import shared_library
+from kane_dynamics import (ConstraintError, InputError, load_urdf, ModelBuilder, Robot,
+                           rod, Speeds)
 from linkages import at_angle, four_bar
 import numpy as np
 import pytest
 
 casadi = pytest.importorskip('casadi')
-KINDS = [pytest.param(True, id='machine code', marks=pytest.mark.skipif(
-    shared_library.linker() is None, reason='no linker on the PATH')),
-    pytest.param(False, id='graph')]
 MOST = 20.0  # N m
-kinds = pytest.mark.parametrize('compiled', KINDS)
 
 
 @cache
@@ -64,17 +59,16 @@ def hessian(function):
                            [casadi.hessian(casadi.dot(weights, y), z)[0]])
 
 
-@kinds
 @pytest.mark.parametrize('robot, name', [
     (arm, 'inverse_dynamics'), (arm, 'forward_dynamics'), (arm, 'mass_matrix'),
     (arm, 'frame_pose:tip'), (arm, 'jacobian:tip'), (arm, 'kinetic_energy'),
     (four_bar, 'inverse_dynamics'), (four_bar, 'forward_dynamics'),
     (driven_linkage, 'inverse_dynamics'),
     (branching, 'inverse_dynamics')])
-def test_values_and_jacobians_are_the_robots(robot, name, compiled):
+def test_values_and_jacobians_are_the_robots(robot, name):
     robot = robot()
-    function = robot.casadi(name, compiled=compiled)
-    assert function.class_name() == ('External' if compiled else 'SXFunction')
+    function = robot.casadi(name)
+    assert function.class_name() == 'SXFunction'
     inputs = arguments_of(robot, function)
     state = [x for key, x in inputs.items() if key not in ('wrench', 't')]
     loads = {key: inputs[key] for key in ('wrench', 't') if key in inputs}
@@ -95,36 +89,9 @@ def test_values_and_jacobians_are_the_robots(robot, name, compiled):
                                    err_msg=key)
 
 
-@pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
-@pytest.mark.parametrize('robot, name', [
-    (arm, 'inverse_dynamics'), (arm, 'forward_dynamics'), (arm, 'frame_pose:tip'),
-    (four_bar, 'forward_dynamics')])
-def test_hessians_in_machine_code_are_those_that_casadi_derives(robot, name):
-    robot = robot()
-    compiled = robot.casadi(name, compiled=True)
-    graph = robot.casadi(name, compiled=False)
-    z = np.concatenate(
-        [np.ravel(x, order='F') for x in arguments_of(robot, graph).values()])
-    in_machine_code = np.array(hessian(compiled)(z))
-    expected = np.array(hessian(graph)(z))
-    assert np.isfinite(in_machine_code).all() and np.abs(in_machine_code).max() > 0.1
-    np.testing.assert_allclose(in_machine_code, expected, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
-def test_derivatives_in_machine_code_have_the_zeros_of_the_equations():
-    function = arm().casadi('inverse_dynamics')
-    assert hessian(function).sparsity_out(0).nnz() == hessian(
-        arm().casadi('inverse_dynamics',
-                     compiled=False)).sparsity_out(0).nnz() < 18**2 / 2
-    pose = arm().casadi('frame_pose:tip').jacobian()
-    assert pose.nnz_out(0) < 16  # of 32: the last row of a pose is constant
-
-
-@kinds
-def test_a_batch_by_map_has_the_values_and_derivatives_of_its_states(compiled):
+def test_a_batch_by_map_has_the_values_and_derivatives_of_its_states():
     robot = Robot(load_urdf('urdf/two_link.urdf'))
-    function = robot.casadi('inverse_dynamics', compiled=compiled)
+    function = robot.casadi('inverse_dynamics')
     q, u, udot = np.random.default_rng(5).normal(size=(3, 4, 2))
     expected = robot.inverse_dynamics(q, u, udot)
     for parallelization in ('serial', 'thread'):
@@ -144,11 +111,11 @@ def test_a_batch_by_map_has_the_values_and_derivatives_of_its_states(compiled):
     assert np.isfinite(np.array(hessian(function.map(4))(everything))).all()
 
 
-def swing(robot, compiled):
+def swing(robot):
     """Return an optimal swing of two links in limits: arguments, torques, solution."""
     steps = 20
     h = 0.05
-    dynamics = robot.casadi('inverse_dynamics', compiled=compiled)
+    dynamics = robot.casadi('inverse_dynamics')
     problem = casadi.Opti()
     q = problem.variable(2, steps + 1)
     u = problem.variable(2, steps + 1)
@@ -171,34 +138,17 @@ def swing(robot, compiled):
 
 def test_ipopt_swings_two_links_within_their_torques():
     robot = Robot(load_urdf('urdf/two_link.urdf'))
-    arguments, expected, objective = swing(robot, False)
+    arguments, expected, _ = swing(robot)
     np.testing.assert_allclose(robot.inverse_dynamics(*arguments), expected, rtol=1e-12,
                                atol=1e-9)
     largest = np.abs(expected).max()
     assert 0.99 * MOST < largest < MOST * (1.0 + 1e-6)  # the limit acts
-    if shared_library.linker() is not None:
-        _, tau, cost = swing(robot, True)
-        np.testing.assert_allclose(cost, objective, rtol=1e-9)
-        np.testing.assert_allclose(tau, expected, atol=1e-6 * largest)
 
 
-@pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
-def test_a_derivative_that_machine_code_lacks_is_refused():
-    x = casadi.MX.sym('x', 2)
-    slope = casadi.vec(arm().casadi('gravity_force').jacobian()(x, 0))
-    with pytest.raises(RuntimeError,
-                       match='Derivatives cannot be calculated for jac_gravity'):
-        casadi.jacobian(slope, x)
-    slope = casadi.vec(arm().casadi('gravity_force', compiled=False).jacobian()(x, 0))
-    assert casadi.jacobian(slope, x).shape == (4, 2)
-
-
-@kinds
-def test_parameters_are_arguments_or_keep_their_values(compiled):
+def test_parameters_are_arguments_or_keep_their_values():
     robot = arm().copy()
-    fixed = robot.casadi('gravity_force', compiled=compiled)
-    free = robot.casadi('gravity_force', parameters=['payload', 'gravity'],
-                        compiled=compiled)
+    fixed = robot.casadi('gravity_force')
+    free = robot.casadi('gravity_force', parameters=['payload', 'gravity'])
     assert free.name_in() == ['q', 'gravity', 'payload']
     q = np.array([0.4, -0.8])
     torque_before = robot.gravity_force(q)
@@ -213,38 +163,14 @@ def test_parameters_are_arguments_or_keep_their_values(compiled):
                                rtol=1e-9, atol=1e-9)
 
 
-@kinds
-def test_nan_and_open_loops_give_nan_and_positions_without_meaning_too(compiled):
-    function = four_bar().casadi('inverse_dynamics', compiled=compiled)
+def test_nan_and_open_loops_give_nan():
+    function = four_bar().casadi('inverse_dynamics')
     q, u, udot = state_of(four_bar())
     assert np.isnan(np.array(function(q + [0.0, 0.3, 0.0], u, udot))).any()
     with pytest.raises(ConstraintError, match='residual'):
         four_bar().inverse_dynamics(q + [0.0, 0.3, 0.0], u, udot)
-    simple = arm().casadi('gravity_force', compiled=compiled)
+    simple = arm().casadi('gravity_force')
     assert np.isnan(np.array(simple([np.nan, 0.0]))).any()
-    if compiled:
-        assert np.isnan(np.array(simple([1.0, 1e13]))).all()
-        assert np.isnan(np.array(simple.jacobian()([1.0, 1e13], 0))).all()
-
-
-def test_without_a_linker_the_function_is_a_graph_and_the_log_says_so(
-        monkeypatch, caplog):
-    monkeypatch.setenv('PATH', '')
-    assert arm().casadi('gravity_force').class_name() == 'SXFunction'
-    assert 'no linker on the PATH; expected one of ld' in caplog.text
-    assert 'expression graph' in caplog.text
-    with pytest.raises(CompileError, match='no linker on the PATH; expected one of ld'):
-        arm().casadi('gravity_force', compiled=True)
-
-
-def test_a_linker_that_fails_says_why(monkeypatch, tmp_path):
-    linker = tmp_path / 'ld'
-    linker.write_text('#!/bin/sh\necho out of paper >&2\nexit 3\n')
-    linker.chmod(0o755)
-    monkeypatch.setenv('PATH', str(tmp_path))
-    monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
-    with pytest.raises(CompileError, match='out of paper; expected a shared library'):
-        arm().casadi('gravity_force', compiled=True)
 
 
 @pytest.mark.parametrize('name, options, message', [
@@ -263,7 +189,7 @@ def test_wrong_names_are_refused_with_the_valid_ones(name, options, message):
 
 
 def test_casadi_refuses_an_unknown_argument_and_a_wrong_shape():
-    function = arm().casadi('gravity_force', compiled=False)
+    function = arm().casadi('gravity_force')
     with pytest.raises(RuntimeError, match='gravity_force'):
         function(np.zeros(3))
     with pytest.raises(RuntimeError, match='qdot'):

@@ -49,7 +49,7 @@ def test_the_regressor_gives_the_torque_of_the_bodies():
 def test_casadi_evaluates_and_differentiates_the_torque():
     casadi = pytest.importorskip('casadi')
     robot, state = elastic_arm()
-    function = robot.casadi('inverse_dynamics', compiled=False)
+    function = robot.casadi('inverse_dynamics')
     assert_allclose(function(*state).full()[:, 0], robot.inverse_dynamics(*state),
                     rtol=1e-12)
     q = casadi.MX.sym('q', 4)

@@ -39,7 +39,6 @@ WIDER: dict[str, tuple[str, ...]] = {
 # memory, and loads of neighbors do not have to be neighbors. Fewer values are spilled.
 SCHEDULER = ('-enable-aa-sched-mi', '-misched-cluster=false')
 LONG = 10_000  # lines of IR: without instruction scheduling
-PIECE = 400  # instructions of a basic block of a long program
 _own = local()  # of each thread: code generators, each for one module at a time
 
 _lock = llvm.ffi.lib._lock  # llvmlite holds it in every call of LLVM
@@ -110,13 +109,12 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), ','.join(present + absent)
 
 
-def _target_machine(level: int, shared: bool = False) -> Any:
-    """Return a code generator for this processor; `shared`: for shared libraries."""
+def _target_machine(level: int) -> Any:
+    """Return a code generator for this processor."""
     _initialized()
     name, features = _processor()
-    kind = {'reloc': 'pic', 'codemodel': 'default'} if shared else {'jit': True}
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=name, features=features, opt=level, **kind)
+        cpu=name, features=features, opt=level, jit=True)
 
 
 @cache
@@ -137,7 +135,7 @@ def cached(make: Callable[[], bytes], *parts: str) -> bytes:
 
 
 def assemble(text: str, level: int = 1, optimise: bool = False,
-             shared: bool = False, in_order: bool = False) -> bytes:
+             in_order: bool = False) -> bytes:
     """
     Compile LLVM IR to an object file in memory.
 
@@ -151,8 +149,6 @@ def assemble(text: str, level: int = 1, optimise: bool = False,
     optimise : bool
         Run LLVM's optimization passes first. Traced programs are folded already; only
         hand-written loops profit.
-    shared : bool
-        Position-independent code, to be linked into a shared library.
     in_order : bool
         Keep the order of instructions, as for long programs.
 
@@ -163,47 +159,9 @@ def assemble(text: str, level: int = 1, optimise: bool = False,
 
     """
     machines = vars(_own).setdefault('machines', {})
-    if (level, shared) not in machines:
-        machines[level, shared] = _target_machine(level, shared)
-    return _assembled(text, machines[level, shared], optimise, in_order)
-
-
-def assemble_long(text: str) -> bytes:
-    """
-    Compile LLVM IR for a shared library, quickly if it is long.
-
-    The register allocator takes a time that grows faster than a program: with more than
-    `LONG` lines it is that for code without optimization, in basic blocks of `PIECE`
-    instructions. That takes less than a tenth of the time; the code of first derivatives
-    is about a tenth slower, that of second derivatives about a half.
-
-    Raises
-    ------
-    CompileError
-        If LLVM rejects the text.
-
-    """
-    if text.count('\n') <= LONG:
-        return assemble(text, shared=True)
-    return assemble(_in_pieces(text), level=0, shared=True)
-
-
-def _in_pieces(text: str) -> str:
-    """Return LLVM IR with long basic blocks divided; an instruction here is one line."""
-    lines: list[str] = []
-    count = blocks = 0
-    for line in text.split('\n'):
-        lines.append(line)
-        # Blocks that are long cost the compiler time that grows faster than their
-        # length.
-        if line.startswith('define'):
-            count = 0
-        elif line.startswith('  %'):
-            count += 1
-            if count % PIECE == 0:
-                blocks += 1
-                lines += [f'  br label %piece.{blocks}', f'piece.{blocks}:']
-    return '\n'.join(lines)
+    if level not in machines:
+        machines[level] = _target_machine(level)
+    return _assembled(text, machines[level], optimise, in_order)
 
 
 def code_size(text: str) -> int:

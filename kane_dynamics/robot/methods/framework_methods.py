@@ -14,8 +14,7 @@ from kane_dynamics.robot.methods.frame_methods import FrameMethods
 class FrameworkMethods(FrameMethods):
     """The methods of `Robot` for CasADi, PyTorch and JAX, which are optional."""
 
-    def casadi(self, name: str, *, parameters: Sequence[str] = (),
-               compiled: bool | None = None) -> Any:
+    def casadi(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
         """
         Return a quantity as a casadi.Function with exact derivatives.
 
@@ -26,14 +25,11 @@ class FrameworkMethods(FrameMethods):
         columns; of a result with three axes, the matrices are stacked. Batches:
         ``function.map(N)``, with a state in each column.
 
-        A function in machine code (``function.class_name()`` is 'External') calls
-        compiled code for first and second derivatives. It needs a linker, such as
-        binutils, but no compiler. An expression graph ('SXFunction') needs neither, is
-        slower, and is differentiated by CasADi; it can be serialized and CasADi can
-        generate C code of it.
+        It is a graph of expressions, which CasADi differentiates, serializes and turns
+        into C code; with a compiler, CasADi's option ``jit`` makes it fast.
 
         CasADi checks names and shapes of arguments, not their values: where an argument
-        is NaN or a position beyond 1e12, or where `Robot` raises an error that depends
+        is NaN, or where `Robot` raises an error that depends
         on the state (open loops, singular independent speeds) or selects other redundant
         rows, results are NaN. Solvers then take shorter steps.
 
@@ -44,10 +40,6 @@ class FrameworkMethods(FrameMethods):
         parameters : sequence of str
             Run-time parameters that are arguments: 'gravity', 'payload' (see `vjp`). The
             others keep the values that they have now.
-        compiled : bool, optional
-            True: machine code, or an error; False: an expression graph. By default
-            machine code if it can be linked, else an expression graph, with a line in
-            the log.
 
         Returns
         -------
@@ -58,14 +50,12 @@ class FrameworkMethods(FrameMethods):
         ------
         InputError
             An unknown quantity, frame, joint or parameter; or CasADi is not installed.
-        CompileError
-            `compiled` is True and there is no linker, or it fails.
 
         """
         # Few programs need it.
         from kane_dynamics.robot.frameworks import casadi_function
         quantity, at = place_of(name)
-        return casadi_function.casadi_function(self, quantity, at, parameters, compiled)
+        return casadi_function.casadi_function(self, quantity, at, parameters)
 
     def torch(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
         """

@@ -20,8 +20,6 @@ OTHER_WRITERS = {
     '_util/whole_files.py': '`whole_file` itself',
     '_util/disk_cache.py': 'under another name first: checked in the tests of the cache',
     'cli/parser.py': 'to the null device',
-    'native/machine_code/shared_library.py': 'in a temporary folder',
-    'robot/frameworks/casadi_function.py': 'in a temporary folder',
     'robot/export_c.py': 'under another name first: several files together',
     'sweep/table.py': 'under another name first, and synchronized: sweeps resume'}
 

@@ -5,7 +5,7 @@ import time
 from types import SimpleNamespace
 
 from kane_dynamics import Inertial, InputError, Robot
-from kane_dynamics.native.machine_code import compiling, llvm
+from kane_dynamics.native.machine_code import compiling
 from kinds_of_mechanism import case
 from mechanisms import wheel
 import numpy as np
@@ -72,24 +72,6 @@ def test_lines_go_where_a_program_asks_for_them(caplog, monkeypatch):
             time.sleep(0.02)
     assert caplog.messages[-1].startswith('compiled another in ')
     assert not any('another' in line for line in lines)
-
-
-def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
-    casadi = pytest.importorskip('casadi')
-    one = case('closed loop')
-    expected = one.robot.inverse_dynamics(one.q, one.u, one.udot)
-    monkeypatch.setattr(llvm, 'LONG', 100)
-    monkeypatch.setattr(llvm, 'PIECE', 37)
-    monkeypatch.setenv('KANE_DYNAMICS_CACHE', '')
-    function = one.robot.casadi('inverse_dynamics')
-    assert function.class_name() == 'External'
-    inputs = [casadi.DM(x) for x in (one.q, one.u, one.udot)]
-    inputs.append(casadi.DM.zeros(*function.size_in('wrench')))
-    np.testing.assert_allclose(function(*inputs).full().ravel(), expected, atol=1e-12)
-    slopes = function.jacobian()(*inputs, casadi.DM.zeros(one.robot.n))
-    by = one.robot.inverse_dynamics_derivatives(one.q, one.u, one.udot)
-    for slope, reference in zip(slopes, by):
-        np.testing.assert_allclose(slope.full(), reference, atol=1e-11)
 
 
 def test_a_workspace_that_is_given_arguments_says_what_it_reads():

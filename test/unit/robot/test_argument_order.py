@@ -128,7 +128,7 @@ def test_casadi_functions_take_the_arguments_of_the_method(kinds):
     state = state_of(one)
     for name in ('joint_torques', 'friction_force', 'joint_rates',
                  'joint_accelerations'):
-        function = robot.casadi(name, compiled=False)
+        function = robot.casadi(name)
         method = list(positional(name, robot))
         assert function.name_in()[:len(method)] == method
         arguments = [state[key] for key in method]
