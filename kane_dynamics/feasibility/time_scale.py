@@ -5,8 +5,8 @@ A motion q(s t), s times as fast as q(t), has the speeds s u and accelerations s
 (Hollerbach, ASME J. Dynamic Systems 106 (1984)). The speed is found by bisection between
 the lowest one, at which the motors must hold the arm, and one that exceeds a limit. If the
 motion at the resulting speed comes close to a limit between samples, samples are added
-there and the search is repeated. Where feasible speeds have gaps, since viscous friction
-and inertia oppose each other, the result is the end of one of their ranges.
+there and the search is repeated. Where feasible speeds are several ranges, since viscous
+friction and inertia oppose each other, the result is the end of one of them.
 """
 
 from collections.abc import Callable

@@ -226,7 +226,7 @@ def refined_demand(at_samples: Callable[[float, Array], Demand], speed: float) -
 
 def excesses_of(demand_with: Callable[[float], Demand], x: float
                 ) -> Sequence[Excess] | KaneError:
-    """Return what a demand exceeds, or why it has none; empty if it fits."""
+    """Return the excesses of a demand, empty if it fits, or the error that it raises."""
     try:
         return demand_with(x).excesses
     except KaneError as error:

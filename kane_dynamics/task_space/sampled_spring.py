@@ -133,7 +133,7 @@ def swing(inertia: Array, spring: JointSpring, period: float,
         [-inverse @ own.stiffness @ inverse.T, -inverse @ own.damping @ inverse.T, identity],
         [zero, zero, zero]])
     # After a period in which the torque is held, the new one follows from its begin.
-    step = exponential(period * rates)
+    step = matrix_exponential(period * rates)
     step[2 * n:] = np.block([-inverse @ spring.stiffness @ inverse.T,
                              -inverse @ spring.damping @ inverse.T, zero])
     # The eigenvalue of largest size decays least; its mode shows which joint swings.
@@ -144,7 +144,7 @@ def swing(inertia: Array, spring: JointSpring, period: float,
     return Swing(float(np.abs(values[largest])), int(np.argmax(energies)))
 
 
-def exponential(matrix: Array) -> Array:
+def matrix_exponential(matrix: Array) -> Array:
     """Return e^matrix by scaling and squaring of its series."""
     squarings = max(0, 3 + int(np.frexp(np.linalg.norm(matrix, 1))[1]))
     scaled = matrix / 2.0**squarings

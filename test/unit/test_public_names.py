@@ -14,9 +14,8 @@ SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
 PACKAGE = Path(kane_dynamics.__file__).parent
 # Functions of modules that have one name in several modules, because they mean the same.
 FORMULATIONS = {'forward_dynamics', 'frame_motion', 'frame_pose',
-                'generalized_inertia_force', 'inverse_dynamics',
-                'inverse_dynamics_derivatives', 'kinetic_energy', 'mass_matrix',
-                'partial_velocities', 'position', 'potential_energy', 'regressor'}
+                'inverse_dynamics', 'inverse_dynamics_derivatives', 'mass_matrix',
+                'partial_velocities', 'position', 'regressor'}
 OPERATIONS = {'evaluate', 'factorize', 'inverse', 'literal', 'main', 'rms', 'skew',
               'transpose'}
 SETTINGS = {'per_joint', 'stated_efforts'}  # of arguments, options and parameters
