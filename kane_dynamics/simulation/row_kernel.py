@@ -241,7 +241,6 @@ class RowMotion(RobotMotion):
 
     """
 
-    tree_terms = None  # rows have stages of their own
 
     def __init__(self, rows: RowSet, numbers: Vector, *arguments: Any) -> None:
         """Begin without stages."""
