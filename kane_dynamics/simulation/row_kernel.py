@@ -241,7 +241,6 @@ class RowMotion(RobotMotion):
 
     """
 
-
     def __init__(self, rows: RowSet, numbers: Vector, *arguments: Any) -> None:
         """Begin without stages."""
         super().__init__(*arguments)
