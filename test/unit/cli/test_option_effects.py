@@ -91,7 +91,6 @@ OWN = [
     (IDENTIFY, '--payload tip'), (IDENTIFY, '--drives'),
     (IDENTIFY, '--out better.urdf'), (IDENTIFY, '--report r.md'),
     ('replay arm.urdf r.csv', '--reference r.csv'),
-    ('replay arm.urdf r.csv --reference r.csv', '--smallest 0.05'),
     ('calibrate arm.urdf r.csv', '--collision'), (CALIBRATE, '--gain 20'),
     (POSES, '--loaded loaded.csv --load link2'), (POSES, '--out g.yaml'),
     (f'{POSES} --loaded loaded.csv', '--load link2 --load-mass 0.5'),
@@ -129,7 +128,7 @@ OWN = [
 # with many links: the tests of these options use them.
 ELSEWHERE = {
     'calibrate': {'--live', '--save'},
-    'identify': {'--ratio', '--skew'},
+    'identify': {'--ratio', '--skew'}, 'replay': {'--smallest'},
     'excite': {'--distance'},
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',
                '--efforts', '--efforts-without-gravity', '--torque-constants'},
