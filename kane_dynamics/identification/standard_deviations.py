@@ -19,6 +19,8 @@ from kane_dynamics.identification.physical_consistency import prior_metric, prio
 from kane_dynamics.model.model import Model
 import numpy as np
 
+COMBINED = 1e6  # length of a column over its distance from the span of the others
+
 
 def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float,
                losses: int) -> tuple[Array, Array, Array, float]:
@@ -87,9 +89,11 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float,
                                              + np.arange(4)).ravel()])
     columns = kept[base.columns]
     further = np.setdiff1d(np.flatnonzero(used), kept)
-    alone = base_deviations(A[:, np.concatenate([columns, further]).astype(int)])
+    alone = base_deviations(A[:, np.concatenate([columns, further]).astype(int)])[:len(columns)]
     deviations = np.full(size + 4 * n, np.nan)
-    deviations[base.columns] = np.maximum(alone[:len(columns)], every[columns])
+    # A column that is a combination of further terms, as of coupled motors, says nothing.
+    is_combined = alone * np.linalg.norm(A[:, columns], axis=0) > COMBINED
+    deviations[base.columns] = np.where(is_combined, np.nan, np.maximum(alone, every[columns]))
     deviations[~base.single] = np.nan
     return of_losses, deviations[:size].reshape(-1, 10), covariance, condition
 
