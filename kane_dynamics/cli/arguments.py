@@ -271,10 +271,17 @@ def _calibrate(sub: ArgumentParser) -> None:
                      help='table of held poses without times, or a recording or ROS 2 '
                      'bag of an arm that is held in poses; with --collision a recording '
                      'of motion without contact, unfiltered')
-    sub.add_argument('--live', type=float, metavar='SECONDS',
-                     help='record joint states for SECONDS, while the arm is led through '
-                     'poses, by hand or by a motion, and held in each for a second')
-    sub.add_argument('--save', metavar='CSV', help='with --live: write the poses as a table')
+    sub.add_argument('--live', type=int, metavar='N',
+                     help='lead the running arm through N proposed poses and record how '
+                     'it holds them; from both sides where friction matters')
+    sub.add_argument('--move', metavar='TOPIC',
+                     help='with --live: let the controller that takes JointTrajectory on '
+                     'TOPIC reach the poses; default: a person does, by hand')
+    sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
+                     help='with --live: lowest height of any link, m, or none; default: '
+                     '%(default)g')
+    sub.add_argument('--save', metavar='CSV', help='with --live: only write the poses as a '
+                     'table, for example those with a load, for --loaded')
     sub.add_argument('--loaded', metavar='POSES',
                      help='the same of poses in which the arm carries a known load')
     sub.add_argument('--load', metavar='FRAME', help='frame that carries the load')
@@ -286,7 +293,8 @@ def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument('--collision', action='store_true',
                      help='thresholds of collision detection instead of gravity')
     sub.add_argument('--topic',
-                     help='topic of joint states in a bag (default: the only one)')
+                     help='topic of joint states: in a bag (default: the only one), or '
+                     'with --live (default: joint_states)')
     _add_efforts(sub)
     sub.add_argument('--commands', action='store_true', help='the torques are commands '
                      'that act until the next row (default: they are measured)')

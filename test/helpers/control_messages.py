@@ -8,6 +8,15 @@ string[] joint_names
 string interface_name
 float64[] values
 """
+INTERFACE_VALUE = """
+string[] interface_names
+float64[] values
+"""
+DYNAMIC_INTERFACE_GROUP_VALUES = """
+std_msgs/Header header
+string[] interface_groups
+control_msgs/InterfaceValue[] interface_values
+"""
 JOINT_TOLERANCE = """
 string name
 float64 position
@@ -56,6 +65,8 @@ trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
 """
 SOURCES = {
     'action/FollowJointTrajectory.action': FOLLOW_JOINT_TRAJECTORY,
+    'msg/DynamicInterfaceGroupValues.msg': DYNAMIC_INTERFACE_GROUP_VALUES,
+    'msg/InterfaceValue.msg': INTERFACE_VALUE,
     'msg/JointCommand.msg': JOINT_COMMAND,
     'msg/JointComponentTolerance.msg': JOINT_COMPONENT_TOLERANCE,
     'msg/JointTolerance.msg': JOINT_TOLERANCE,

@@ -1,29 +1,36 @@
 """The command `calibrate`: gravity by held poses, or collision detection by a motion."""
 
 from argparse import Namespace
-from collections.abc import Sequence
 import os
+import sys
 from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
-from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
+from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
+                                        print_table, warn)
 from kane_dynamics.cli.robot_options import every_joint, load_robot, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
+from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.identification.poses.calibrate_poses import (calibrate_poses,
-                                                                PoseCalibration)
-from kane_dynamics.identification.poses.held_poses import (held_poses, HeldPoses,
-                                                           read_poses)
+                                                                FEWEST, PoseCalibration,
+                                                                proposed_poses)
+from kane_dynamics.identification.poses.held_poses import HeldPoses, read_poses
 from kane_dynamics.identification.result_files import written_links
-from kane_dynamics.model.model import Inertial
+from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 import yaml
 
 DIGITS = 4  # significant digits of the node's parameters
+SPARE = 3  # proposed poses for each that is held: some are not reached on a free way
+WAY = 30  # configurations of a way that are judged
 CURVES = ('coulomb', 'damping', 'offset')
 
 
@@ -136,6 +143,15 @@ def _calibrate_gravity(options: Namespace) -> None:
 
     def poses(path: str) -> HeldPoses:
         return read_poses(path, model.joint_names, options.topic, numbered=numbered)
+    if options.save:
+        held = _live_poses(options, model)
+        _save(options.save, held, model)
+        if options.json:
+            print_json({'poses': len(held), 'files': [options.save]})
+        else:
+            print(f'{len(held)} held poses')
+            print_files([options.save])
+        return
     loaded = None
     load = None
     if options.loaded:
@@ -143,7 +159,7 @@ def _calibrate_gravity(options: Namespace) -> None:
         load = options.load, Inertial(options.load_mass, com, np.zeros((3, 3)))
         loaded = poses(options.loaded)
     if options.live is not None:
-        empty = _live_poses(options, model.joint_names)
+        empty = _live_poses(options, model)
     else:
         empty = poses(options.recording)
     result = calibrate_poses(model, empty, loaded=loaded, load=load)
@@ -159,19 +175,53 @@ def _calibrate_gravity(options: Namespace) -> None:
         print_gravity(data)
 
 
-def _live_poses(options: Namespace, names: Sequence[str]) -> HeldPoses:
-    """Record joint states, and return the poses in which the arm is held."""
-    recorder = extra('kane_dynamics.ros.common.state_recorder', 'ros', '--live')
-    if not 0.0 < options.live < np.inf:
-        raise InputError(f'--live: {options.live}; expected a positive, finite time in s')
-    found = held_poses(recorder.record_states(names, options.live,
-                                              options.topic or 'joint_states'))
-    if options.save:
-        header = ','.join(f'{word}.{name}' for word in ('q', 'tau') for name in names)
-        with whole_file(options.save) as stream:
-            np.savetxt(stream, np.hstack([found.q, found.effort]), delimiter=',',
-                       header=header, comments='')
+def _live_poses(options: Namespace, model: Model) -> HeldPoses:
+    """Lead the arm through poses, and return how it holds them."""
+    leading = extra('kane_dynamics.ros.common.pose_leader', 'ros', '--live')
+    if options.live < FEWEST:
+        raise InputError(f'--live: {options.live} poses; expected at least {FEWEST}')
+    with model_warnings():
+        shapes = load_collision_shapes(source_of(options))
+        clearance = Clearance(model, shapes, options.floor, DISTANCE)
+    limits = Robot(model).limits
+
+    def separate(q: Array) -> Flags:
+        return np.asarray((clearance.room(q) > 0.0).all(axis=1))
+    poses = proposed_poses(model, SPARE * options.live, 2.0 * leading.SIDE, separate)
+
+    def free(start: Array, end: Array) -> bool:
+        share = np.linspace(0.0, 1.0, WAY)[:, None]
+        sides = end + leading.SIDE * np.array([[-1.0], [1.0]])
+        return bool(separate(np.vstack([start + share * (end - start), sides])).all())
+    leader = leading.PoseLeader(model.joint_names, options.topic or 'joint_states',
+                                options.move, _announce if options.move else _ask)
+    try:
+        found: HeldPoses = leader.lead(poses, options.live, limits.velocity, free)
+    finally:
+        leader.close()
     return found
+
+
+def _save(path: str, poses: HeldPoses, model: Model) -> None:
+    """Write poses as a table."""
+    header = ','.join(f'{word}.{name}' for word in ('q', 'tau', 'approach')
+                      for name in model.joint_names)
+    with whole_file(path) as stream:
+        np.savetxt(stream, np.hstack([poses.q, poses.effort, poses.approach]),
+                   fmt='%.9g', delimiter=',', header=header, comments='')
+
+
+def _announce(text: str) -> None:
+    """Print what the arm does now."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def _ask(text: str) -> None:
+    """Print what a person has to do, and wait for the Enter key."""
+    print(f'{text}; then press Enter', file=sys.stderr, flush=True)
+    if not sys.stdin.readline():
+        raise InputError('standard input: closed; expected the Enter key at each pose, or '
+                         '--move TOPIC')
 
 
 def write_calibration(options: Namespace, result: PoseCalibration) -> list[str]:

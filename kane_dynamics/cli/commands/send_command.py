@@ -41,7 +41,8 @@ def send(options: Namespace) -> int:
     if options.json:
         print_json({'joint_names': list(names), 'travel': tracking.travel,
                     'largest_error': tracking.largest_error, 'states': tracking.states,
-                    'warnings': list(tracking.warnings)})
+                    'warnings': list(tracking.warnings),
+                    'commanders': list(tracking.commanders)})
     else:
         print_tracking(tracking)
     # A node may take a motion and the arm not move: its exit code tells a script.
@@ -67,6 +68,11 @@ def print_tracking(tracking: Any) -> None:
     travel = np.where(tracking.travel < ROUNDING, 0.0, tracking.travel)
     print_table(['joint', 'travel', 'largest error'],
                 zip(tracking.joint_names, travel, tracking.largest_error, strict=True))
+    holders = ', '.join(tracking.commanders) or "no node that commands on 'commands'"
+    print(f'held by {holders}')
+    if len(tracking.commanders) > 1:
+        warn(f'commands: {len(tracking.commanders)} nodes command the arm; expected one '
+             'dynamics node with its torque_guard')
     print(f'largest error: {1e3 * tracking.largest_error.max():.2g} mrad or mm')
 
 

@@ -12,6 +12,7 @@ bilinear in c and phi; Gauss-Newton steps solve them, each with physically consi
 bodies (`physical_consistency`). Only a known load separates c from phi.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -52,7 +53,6 @@ LEAST_FACTOR = 1e-3  # of all masses
 LEAST_LOAD = 0.02  # of the torque of a joint: less tells nothing of its scale
 LIKE = 0.5  # least correlation of efforts with the gravity of the model
 CANDIDATES = 300  # random configurations among which further poses are chosen
-REACH = 1.5  # rad or m: range of a joint without limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,9 @@ def calibrate_poses(model: Model, poses: HeldPoses, *, loaded: HeldPoses | None 
     covariance = fit.covariance(equations, unknowns, sigma, WEIGHTS[best], known)
     names, B = _gravity_parameters(model)
     of_bodies = covariance[:bodies, :bodies]
-    further_q = further_poses(model, unknowns, sigma, covariance, further)
+    candidates = Robot(model).random_configuration(0, CANDIDATES)
+    further_q = _most_informative(_equations_at(model, candidates), unknowns, sigma,
+                                  covariance, candidates, further)
     return PoseCalibration(
         model, _with_inertials(model, unknowns.phi), scale,
         np.where(determined, deviation, np.inf), unknowns.offset,
@@ -241,6 +243,14 @@ def _equations(model: Model, poses: HeldPoses,
         empty = Robot(model, friction=False)
         known = known + carrying.gravity_force(poses.q) - empty.gravity_force(poses.q)
     return _Equations(poses.effort, Y, known, poses.approach, np.zeros(len(poses)))
+
+
+def _equations_at(model: Model, q: Array) -> _Equations:
+    """Return the equations of configurations, with the efforts that the model expects."""
+    Y, known = _static(model, q)
+    masses = np.concatenate([prior_parameters(body.inertial) for body in model.bodies])
+    return _Equations(Y @ masses + known, Y, known, np.zeros_like(q),
+                      np.arange(float(len(q))))
 
 
 def _static(model: Model, q: Array) -> tuple[Array, Array]:
@@ -417,12 +427,12 @@ def _linear_equations(equations: _Equations, x: _Unknowns, sigma: Array) -> tupl
     A[:, joints, bodies + n + joints] = 1.0
     A[:, joints, bodies + 2 * n + joints] = equations.approach
     b = equations.effort + of_bodies @ x.phi
-    return (A / sigma[:, None]).reshape(count * n, -1), (b / sigma).ravel()
+    return (A / sigma[:, None]).reshape(count * n, bodies + 3 * n), (b / sigma).ravel()
 
 
 def _gravity_parameters(model: Model) -> tuple[tuple[str, ...], Array]:
     """Return names and matrix of the combinations of masses and moments that joints see."""
-    Y, _ = _static(model, random_configurations(model, STATES))
+    Y, _ = _static(model, Robot(model).random_configuration(0, STATES))
     base = combinations(Y.reshape(-1, Y.shape[2]), unknown_names(model))
     return base.names, base.B
 
@@ -438,33 +448,55 @@ def _with_inertials(model: Model, phi: Array) -> Model:
 
 # Poses that would help.
 
-def random_configurations(model: Model, count: int) -> Array:
-    """Return configurations within the limits, (count, n), always the same ones; rad or m."""
-    limits = Robot(model).limits
-    lower = np.where(np.isfinite(limits.lower), limits.lower, -REACH)
-    upper = np.where(np.isfinite(limits.upper), limits.upper, REACH)
-    return np.random.default_rng(0).uniform(lower, np.maximum(upper, lower),
-                                            (count, model.n))
-
-
-def further_poses(model: Model, x: _Unknowns, sigma: Array, covariance: Array,
-                  count: int) -> Array:
+def proposed_poses(model: Model, count: int, margin: float = 0.0,
+                   free: Callable[[Array], Flags] | None = None) -> Array:
     """
-    Return configurations that reduce the volume of the covariance most, (count, n).
+    Return configurations that determine gravity best, before any is held, (count, n).
+
+    Parameters
+    ----------
+    model : Model
+        As for `calibrate_poses`.
+    count : int
+        Number of configurations; fewer if fewer are free.
+    margin : float
+        Distance from the position limits, rad or m.
+    free : callable, optional
+        Whether configurations, (k, n), are without contact, (k,).
+
+    """
+    robot = Robot(model)
+    lower, upper = robot.limits.lower + margin, robot.limits.upper - margin
+    q = robot.random_configuration(0, CANDIDATES)
+    q = np.clip(q, lower, np.maximum(lower, upper))
+    if free is not None:
+        q = q[free(q)]
+    fit = _Fit(model, _equations_at(model, q))
+    n = model.n
+    x = _Unknowns(fit.prior, fit.ratio, np.zeros(n), np.zeros(n))
+    sigma = 0.1 * fit.size
+    nothing = np.zeros(len(q), dtype=bool)
+    covariance = fit.covariance(fit.given.part(nothing), x, sigma, 1.0, np.arange(0))
+    return _most_informative(fit.given, x, sigma, covariance, q, count)
+
+
+def _most_informative(equations: _Equations, x: _Unknowns, sigma: Array,
+                      covariance: Array, q: Array, count: int) -> Array:
+    """
+    Return those of the configurations that reduce the volume of the covariance most.
 
     They are chosen one after the other: each adds A^T A to the information (D-optimal).
     """
-    q = random_configurations(model, CANDIDATES)
-    still = np.zeros_like(q)
-    Y, known = _static(model, q)
-    A, _ = _linear_equations(_Equations(still, Y, known, still, still[:, 0]), x, sigma)
-    A = A.reshape(len(q), model.n, -1)
-    chosen = []
-    for _ in range(count):
+    A, _ = _linear_equations(equations, x, sigma)
+    A = A.reshape(*q.shape, -1)
+    chosen: list[int] = []
+    for _ in range(min(count, len(q))):
         # log det (1 + A C A^T) is what a pose adds to that of the information.
-        of_poses = A @ covariance @ np.swapaxes(A, 1, 2) + np.eye(model.n)
-        best = int(np.argmax(np.linalg.slogdet(of_poses)[1]))
-        chosen.append(q[best])
+        of_poses = A @ covariance @ np.swapaxes(A, 1, 2) + np.eye(q.shape[1])
+        gained = np.linalg.slogdet(of_poses)[1]
+        gained[chosen] = -np.inf
+        best = int(np.argmax(gained))
+        chosen.append(best)
         gain = np.linalg.solve(of_poses[best], A[best] @ covariance)
         covariance = covariance - covariance @ A[best].T @ gain
-    return np.array(chosen).reshape(count, model.n)
+    return q[chosen]

@@ -1,6 +1,6 @@
 """Held poses: configurations at rest with the efforts that hold them, of tables and recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 import os
@@ -96,11 +96,30 @@ def held_poses(recording: Recording) -> HeldPoses:
         leaving = end - int(LEAVING * (end - first))
         q.append(recording.q[settled:leaving].mean(axis=0))
         effort.append(recording.tau[settled:leaving].mean(axis=0))
-        approach.append(_approach(recording, first, q[-1]))
+        approach.append(_approach(recording, first, q[-1], interruptions(recording)))
     if not q:
         raise InputError(f'recording: no stretch of {HOLD:g} s in which all joints rest; '
                          'expected an arm that is held in several poses')
     return HeldPoses(np.array(q), np.array(effort), np.array(approach))
+
+
+def last_hold(recording: Recording, seconds: float) -> HeldPoses | None:
+    """
+    Return how the arm is held at the end of a recording; None if it moved in this time.
+
+    Unlike in files, missing states are those of a busy computer: they end no hold.
+    """
+    stretches = _holds_between(recording, 0, len(recording))
+    begin = recording.t[-1] - seconds
+    if not stretches:
+        return None
+    first, end = stretches[-1]
+    if end < len(recording) or recording.t[first] > begin:
+        return None
+    held = recording.rows(recording.t >= begin)
+    q = held.q.mean(axis=0)
+    return HeldPoses(q[None], held.tau.mean(axis=0)[None],
+                     _approach(recording, first, q, ())[None])
 
 
 def is_held(recording: Recording) -> bool:
@@ -137,11 +156,11 @@ def _holds_between(recording: Recording, first: int, end: int) -> list[tuple[int
     return stretches
 
 
-def _approach(recording: Recording, first: int, q: Array) -> Array:
+def _approach(recording: Recording, first: int, q: Array,
+              pauses: Iterable[int]) -> Array:
     """Return the direction in which each joint came to a hold, (n,); 0 if not known."""
-    paused = interruptions(recording)
     begin = int(np.searchsorted(recording.t, recording.t[first] - BEFORE))
-    begin = max([begin, *(paused[paused < first] + 1).tolist()])
+    begin = max([begin, *(int(row) + 1 for row in pauses if row < first)])
     travel = q - recording.q[begin]
     return np.where(np.abs(travel) > APPROACH, np.sign(travel), 0.0)
 
@@ -156,8 +175,8 @@ def read_poses(path: str | os.PathLike[str], joint_names: Sequence[str],
     ----------
     path : path
         A table, CSV or npz, has one row a pose, with columns `q` and `tau` as of
-        `read_recording`, and no times. A file with times, or a bag, is a recording: its
-        stretches at rest are the poses.
+        `read_recording`, optionally `approach`, and no times. A file with times, or a
+        bag, is a recording: its stretches at rest are the poses.
     joint_names, topic, numbered
         As of `read_recording`.
 
@@ -172,5 +191,4 @@ def read_poses(path: str | os.PathLike[str], joint_names: Sequence[str],
     if topic is not None:
         raise InputError(f"topic: '{topic}' for the table '{path}'; expected it for a bag "
                          'only')
-    q, effort = rows_without_times(path, joint_names, numbered)
-    return HeldPoses(q, effort, np.zeros_like(q))
+    return HeldPoses(*rows_without_times(path, joint_names, numbered))

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.poses.held_poses import holds, is_held
 from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording, STANDSTILL)
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits,
@@ -61,6 +62,8 @@ WINDOWS = 200  # number of windows in which positions and speeds are compared
 SPEED_WINDOW = 0.3  # s, of displacements that are compared with integrals of speeds
 LONGEST_SPEED_DELAY = 0.3  # s
 SPEED_ERROR = 0.05  # relative error of displacements for which a delay of speeds counts
+HELD = ('the arm is held in {} poses; expected a motion: `kane-dynamics calibrate` takes held '
+        'poses')
 EXPECTED = 'expected it, in rad/s or m/s'
 UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
          (math.radians(1.0), 'are the positions in degrees?'),
@@ -68,6 +71,8 @@ UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
          (1e6, 'are the times in microseconds?'),
          (1e9, 'are the times in nanoseconds?'),
          (1e-3, 'are they in units 1000 times as large?'))
+
+Level = Literal['impossible', 'wrong', 'remark']
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class RecordingFault:
 
     """
 
-    level: Literal['impossible', 'wrong', 'remark']
+    level: Level
     words: str
 
 
@@ -129,12 +134,20 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False,
         sound_tau[:, places] = computed[:, places]
         recording = replace(recording, tau=sound_tau)
     # What no arm can do excludes further analysis.
-    faults = [RecordingFault('impossible', words) for words in _motion(model, recording)]
+    contradictions = list(_motion(model, recording))
+    faults = []
+    if is_held(recording):
+        # Speeds of zero at each pose are right, whatever happens between the poses.
+        level: Level = 'impossible' if contradictions else 'remark'
+        faults = [RecordingFault(level, HELD.format(len(holds(recording))))]
+        contradictions = [words for words in contradictions
+                          if not words.startswith('speeds')]
+    faults += [RecordingFault('impossible', words) for words in contradictions]
     if not recording.tau.any():
         faults.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
                                      'recording has none'))
     # Faults of single signals first; the torques are judged without them.
-    elif not faults:
+    elif not any(fault.level == 'impossible' for fault in faults):
         sound, signals = _signals(model, recording)
         # Beside late speeds, torques seem to come early.
         late_speeds = list(_late_speeds(model, recording))

@@ -19,7 +19,7 @@ import numpy as np
 # Names of columns: `<word>.<joint>`, or `<word><number>` counted from the base.
 WORDS = {'q': ('q',), 'u': ('u', 'v'), 'udot': ('udot', 'a'), 'tau': ('tau',),
          'theta': ('theta',), 'motor_torque': ('motor_torque',),
-         'gear_torque': ('gear_torque',)}
+         'gear_torque': ('gear_torque',), 'approach': ('approach',)}
 TIMES = ('t', 'time')
 OURS = re.compile(rf'({"|".join(word for words in WORDS.values() for word in words)})'
                   r'([1-9]\d*|\..*)?|' + '|'.join(TIMES))
@@ -119,12 +119,18 @@ def has_times(path: str | os.PathLike[str]) -> bool:
 
 
 def rows_without_times(path: str | os.PathLike[str], joint_names: Sequence[str],
-                       numbered: Sequence[str] | None = None) -> tuple[Array, Array]:
-    """Return positions and torques, (N, n), of a table; errors as of `read_recording`."""
+                       numbered: Sequence[str] | None = None
+                       ) -> tuple[Array, Array, Array]:
+    """
+    Return positions, torques and approaches, (N, n), of a table; 0 for no approaches.
+
+    Errors are those of `read_recording`.
+    """
     columns = _read(Path(path))
     order = list(joint_names if numbered is None else numbered)
-    quantities = _required(columns, ('q', 'tau'), joint_names, order, path)
-    return quantities['q'], quantities['tau']
+    quantities = _required(columns, ('q', 'tau', 'approach'), joint_names, order, path)
+    q, tau, approach = quantities.values()
+    return q, tau, np.zeros_like(q) if approach is None else approach
 
 
 def positions_by_name(path: str | os.PathLike[str],

@@ -259,6 +259,29 @@ def joint_command(names: Sequence[str], interface: str) -> PreparedMessage:
     return PreparedMessage(writer, writer.doubles(len(names)), len(names))
 
 
+def interface_groups(names: Sequence[str], interfaces: Sequence[str]) -> PreparedMessage:
+    """
+    Return a control_msgs/DynamicInterfaceGroupValues with the same interfaces of all names.
+
+    Its numbers are (interfaces, names).
+    """
+    writer = Writer()
+    writer.reserve(4, 2)
+    writer.text('')
+    writer.texts(names)
+    writer.word(len(names))
+    offsets = []
+    for _ in names:
+        writer.texts(interfaces)
+        offsets.append(writer.doubles(len(interfaces)))
+    message = PreparedMessage(writer, offsets[0], len(interfaces))
+    # Entries of equal text have equal lengths, and doubles are aligned to 8 bytes.
+    step = (len(writer.data) - offsets[0] - 8 * len(interfaces)) // max(len(names) - 1, 1)
+    message.numbers = np.lib.stride_tricks.as_strided(
+        message.numbers, (len(interfaces), len(names)), (8, step))
+    return message
+
+
 def float64_multi_array(count: int) -> PreparedMessage:
     """Return a std_msgs/Float64MultiArray of `count` numbers with an empty layout."""
     writer = Writer()

@@ -1,7 +1,7 @@
 """Send a motion to the dynamics node, and measure how well the arm follows it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import time
 from typing import Any
 
@@ -9,6 +9,7 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.command_topic import commanders
 from kane_dynamics.ros.common.conversion import nanoseconds
 from kane_dynamics.ros.common.qos import EXAMINED_STATES
 import numpy as np
@@ -49,6 +50,8 @@ class Tracking:
         Number of joint states that were compared.
     warnings : tuple of str
         What the node warned of meanwhile.
+    commanders : tuple of str
+        Nodes that command the arm at the end, without torque_guard.
 
     """
 
@@ -57,6 +60,7 @@ class Tracking:
     largest_error: Array
     states: int
     warnings: tuple[str, ...]
+    commanders: tuple[str, ...] = ()
 
 
 def send_motion(make: Callable[[Array], Motion], joint_names: tuple[str, ...], *,
@@ -87,7 +91,8 @@ def send_motion(make: Callable[[Array], Motion], joint_names: tuple[str, ...], *
     rclpy.init(context=context)
     try:
         sender = _Sender(context, joint_names, node_name, namespace, joint_states)
-        return sender.run(make)
+        tracking = sender.run(make)
+        return replace(tracking, commanders=tuple(commanders(sender.node, 'commands')))
     finally:
         rclpy.try_shutdown(context=context)
 
@@ -101,27 +106,27 @@ class _Sender:
         self._topic = joint_states
         self._node_name = node_name
         # The states and torques during the motion, and what the node logs meanwhile.
-        self._node = Node('kane_dynamics_sender', namespace=namespace, context=context)
+        self.node = Node('kane_dynamics_sender', namespace=namespace, context=context)
         self._states: list[tuple[int, Array]] = []
         self._torques = 0
         self._errors: list[str] = []  # that the dynamics node logged
         self._warnings: list[str] = []
-        self._node.create_subscription(JointState, joint_states, self._take_state,
-                                       EXAMINED_STATES)
-        self._node.create_subscription(JointState, f'{node_name}/joint_torques',
-                                       self._count_torques, EXAMINED_STATES)
-        self._node.create_subscription(Log, '/rosout', self._take_log, EXAMINED_STATES)
-        self._publisher = self._node.create_publisher(
+        self.node.create_subscription(JointState, joint_states, self._take_state,
+                                      EXAMINED_STATES)
+        self.node.create_subscription(JointState, f'{node_name}/joint_torques',
+                                      self._count_torques, EXAMINED_STATES)
+        self.node.create_subscription(Log, '/rosout', self._take_log, EXAMINED_STATES)
+        self._publisher = self.node.create_publisher(
             JointTrajectory, f'{node_name}/joint_trajectory', 1)
         self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
 
     def run(self, make: Callable[[Array], Motion]) -> Tracking:
         """Wait for the arm, send the motion, and compare the joint states with it."""
         self._spin(WAIT, lambda: bool(self._states) and self._is_commanding())
         # Where a clock is published, stamps are of that clock.
-        if self._node.count_publishers('/clock'):
-            self._node.set_parameters([Parameter('use_sim_time', value=True)])
+        if self.node.count_publishers('/clock'):
+            self.node.set_parameters([Parameter('use_sim_time', value=True)])
             self._spin(WAIT, lambda: self._now() > 0)
         if not self._states:
             raise InputError(f"joint states: none on '{self._topic}' with {listing(self._names)} "
@@ -196,7 +201,7 @@ class _Sender:
         return self._torques > 0 and self._publisher.get_subscription_count() > 0
 
     def _now(self) -> int:
-        return int(self._node.get_clock().now().nanoseconds)
+        return int(self.node.get_clock().now().nanoseconds)
 
     def _spin(self, seconds: float, enough: Callable[[], bool]) -> None:
         """Spin until `enough` returns True, or for some time."""

@@ -48,8 +48,8 @@ from kane_dynamics.ros.monitors.attached_objects import (AttachedObjects, scene_
 from kane_dynamics.ros.monitors.drift_watch import DriftWatch
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
-                                                        joint_command_type,
-                                                        OptionalTopics)
+                                                        OptionalTopics,
+                                                        stamped_command_type)
 from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.live_parameters import Owner, owners_of
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
@@ -306,7 +306,7 @@ class ConfiguredRobot:
         torques = publisher(JointState, '~/joint_torques', qos if guarded else RELIABLE)
         stamped = None
         if values['stamped_commands']:
-            stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE)
+            stamped = publisher(stamped_command_type(values), 'stamped_commands', RELIABLE)
 
         # The path with its inputs; what it lacks is refused with a reason.
         self.path, self._states = self._open_path(controller, torques, opened, (

@@ -18,6 +18,7 @@ from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
                                                         ContactPublishers,
                                                         friction_settings,
                                                         observer_settings)
+from kane_dynamics.ros.parameters.command_form import INTERFACES
 from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.exceptions import InvalidTopicNameException
@@ -28,17 +29,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 
-def joint_command_type() -> Any:
+def stamped_command_type(values: Mapping[str, Any]) -> Any:
     """
-    Return the message type control_msgs/JointCommand.
+    Return the message type of stamped commands, of control_msgs.
 
     Raise InputError if not installed.
     """
+    one = len(INTERFACES[values['commands.form']]) == 1
+    name = 'JointCommand' if one else 'DynamicInterfaceGroupValues'
     try:
-        return import_module('control_msgs.msg').JointCommand
+        return getattr(import_module('control_msgs.msg'), name)
     except (ImportError, AttributeError) as error:
         raise InputError("parameter 'stamped_commands': true without "
-                         f'control_msgs/JointCommand ({error}); expected false, or an '
+                         f'control_msgs/{name} ({error}); expected false, or an '
                          'installed package control_msgs with that message') from None
 
 
@@ -55,7 +58,7 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters of the optional topics fit a robot."""
     # Each group of parameters is checked by the part that will use it.
     if values['stamped_commands']:
-        joint_command_type()
+        stamped_command_type(values)
     if values['imu.topic']:
         _check_topic('imu.topic', values['imu.topic'])
     if values['attached_objects.topic']:

@@ -31,7 +31,8 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint
 import numpy as np
 
 EFFORT, MIT, POSITION = 'effort', 'mit', 'position_offset'
-ROWS = {EFFORT: 1, MIT: 5, POSITION: 1}
+INTERFACES = {EFFORT: ('effort',), POSITION: ('position',),
+              MIT: ('position', 'velocity', 'stiffness', 'damping', 'effort')}
 
 
 class Reference(NamedTuple):
@@ -85,7 +86,8 @@ class CommandForm:
                  values: Mapping[str, Any]) -> None:
         names = [robot.joint_names[k] for k in commanded]
         self.kind: str = values['commands.form']
-        self.count = ROWS[self.kind] * len(names)
+        self.interfaces = INTERFACES[self.kind]
+        self.count = len(self.interfaces) * len(names)
         self.scale = effort_scale(values, names)
         self.stiffness = per_joint(values, 'commands.stiffness', names, np.nan)
         self.damping = per_joint(values, 'commands.damping', names, 0.0)
@@ -99,16 +101,8 @@ class CommandForm:
             raise InputError(f"parameter 'commands.stiffness': "
                              f'{values["commands.stiffness"].tolist()}; expected the '
                              f'positive stiffness of the drives for {self.kind}, N m/rad')
-        if self.kind == MIT and values.get('stamped_commands'):
-            raise InputError("parameter 'stamped_commands': true with commands.form mit; "
-                             'expected false, as the message has one number per joint')
         self.lower = np.asarray(robot.limits.lower)[places]
         self.upper = np.asarray(robot.limits.upper)[places]
-
-    @property
-    def interface(self) -> str:
-        """Return the name of what stamped commands are."""
-        return 'position' if self.kind == POSITION else 'effort'
 
     @property
     def plain(self) -> bool:
@@ -154,6 +148,19 @@ class CommandForm:
             u_d, damping = at.stop_speed, self.damping * gain
         rows = [q_d, u_d, stiffness, damping, (total - feedback) / self.scale]
         return np.concatenate(rows), total
+
+    def without_state(self) -> Array | None:
+        """
+        Return the numbers of a stop while the position is unknown; None for no command.
+
+        A position servo then keeps its last goal, and holds.
+        """
+        if self.kind == POSITION:
+            return None
+        rows = np.zeros((len(self.interfaces), len(self.scale)))
+        if self.kind == MIT:
+            rows[3] = self.damping / np.abs(self.scale)
+        return rows.ravel()
 
     def torque(self, numbers: Array, q: Array, u: Array) -> Array:
         """Return the torques, (n,) N m or N, of drives with a command at a state."""

@@ -264,8 +264,9 @@ SPECS = (
          'docs/node_path.md lists); auto, native where that is possible, else python',
          choices=('python', 'native', 'auto')),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
-         'control_msgs/JointCommand on topic stamped_commands, with joint names and the '
-         'stamp of the joint state; needs the package control_msgs with that message'),
+         'control_msgs/JointCommand, or DynamicInterfaceGroupValues in the form mit, on '
+         'topic stamped_commands, with joint names and the stamp of the joint state; needs '
+         'the package control_msgs with that message'),
     live('feedforward.tolerance', 'per_joint', [], 'largest error of the effort that is '
          'interpolated between the points of ~/trajectory_with_effort, N m or N; points '
          'are inserted where it is larger; empty: none are', positive=True,

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from kane_dynamics.ros.common.cdr import (float64_multi_array, joint_command,
-                                          joint_state_of_efforts)
+from kane_dynamics.ros.common.cdr import (float64_multi_array, interface_groups,
+                                          joint_command, joint_state_of_efforts)
 from kane_dynamics.ros.common.conversion import Array
 import numpy as np
 from rclpy.publisher import Publisher
@@ -23,11 +23,10 @@ class CommandMessages:
         Publishers of Float64MultiArray and of JointState; they receive serialized
         messages.
     stamped : Publisher, optional
-        Publisher of JointCommand.
-    count : int, optional
-        Number of numbers of a command; default: one for each joint.
-    interface : str
-        That of the stamped commands, whose numbers are those of the commands.
+        Publisher of JointCommand, or of DynamicInterfaceGroupValues with several
+        interfaces.
+    interfaces : sequence of str
+        Of the commands, which have the numbers of all joints for each of them.
 
     Attributes
     ----------
@@ -41,15 +40,19 @@ class CommandMessages:
     def __init__(self, joints: Sequence[str], commanded: Sequence[int],
                  commands: Publisher,
                  torques: Publisher, stamped: Publisher | None,
-                 count: int | None = None, interface: str = 'effort') -> None:
+                 interfaces: Sequence[str] = ('effort',)) -> None:
         self.joints = tuple(joints[k] for k in commanded)
         self._count = len(joints)
         self._places = np.array(commanded, dtype=np.intp)
         self.publishers = commands, torques, stamped
         # The messages are made once; a command only fills in its numbers.
-        self._command_message = float64_multi_array(count or len(self.joints))
+        self._command_message = float64_multi_array(
+            len(interfaces) * len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
-        self._stamped_message = joint_command(self.joints, interface)
+        if len(interfaces) == 1:
+            self._stamped_message = joint_command(self.joints, interfaces[0])
+        else:
+            self._stamped_message = interface_groups(self.joints, interfaces)
 
     def publish(self, tau: Array, sec: int, nanosec: int, command: Array | None) -> None:
         """Publish a command, if there is one, then the torques of the commanded joints."""
@@ -60,7 +63,8 @@ class CommandMessages:
             commands.publish(self._command_message.serialized())
         if stamped is not None and command is not None:
             self._stamped_message.stamp(sec, nanosec)
-            self._stamped_message.numbers[:] = command
+            numbers = self._stamped_message.numbers
+            numbers[:] = command.reshape(numbers.shape)
             stamped.publish(self._stamped_message.serialized())
         self._torque_message.stamp(sec, nanosec)
         self._torque_message.numbers[:] = tau

@@ -47,8 +47,7 @@ from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.loads.wrench_input import WrenchInput
 from kane_dynamics.ros.modes.live_law import NativeLaw
 from kane_dynamics.ros.modes.task_modes import native_laws, NATIVE_MODES
-from kane_dynamics.ros.parameters.command_form import (CommandForm, EFFORT,
-                                                       POSITION, Reference)
+from kane_dynamics.ros.parameters.command_form import CommandForm, EFFORT, Reference
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
 from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
                                                               commanded_joints)
@@ -141,7 +140,7 @@ class TorquePath:
     warn : callable
         Called with the reason and the details of each dropped state.
     stamped : Publisher, optional
-        Publisher of JointCommand, for commands with the stamp of their state.
+        Publisher of the commands with the stamp of their state.
     loops : ClosedLoopReader, optional
         Reads the states of an arm with closed loops.
     report_fault : callable, optional
@@ -197,7 +196,7 @@ class TorquePath:
         # None where the rate limit counts from the torque of the path.
         self._drive: tuple[Array, int] | None = None
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
-                                        stamped, self.form.count, self.form.interface)
+                                        stamped, self.form.interfaces)
         self._follow = list(map(robot.joint_names.index, controller.followed))
         self.wrenches: WrenchInput | None = None
         self._guard: GuardSide | None = None
@@ -735,7 +734,7 @@ class TorquePath:
             return np.asarray(tau / form.scale), tau
         live = self.native.memory
         if not live.known:
-            return None if form.kind == POSITION else np.zeros(form.count), tau
+            return form.without_state(), tau
         of_commanded = self.messages.of_commanded
         q = of_commanded(live.q)
         u = of_commanded(live.u)

@@ -127,7 +127,7 @@ OWN = [
 # What acts in a running ROS graph, in a browser, on recordings of drives, or on arms
 # with many links: the tests of these options use them.
 ELSEWHERE = {
-    'calibrate': {'--live', '--save'},
+    'calibrate': {'--floor', '--live', '--move', '--save'},
     'identify': {'--ratio', '--skew'}, 'replay': {'--smallest'},
     'excite': {'--distance'},
     'doctor': {'--live', '--namespace', '--prefix', '--commands', '--joint-states',

@@ -18,7 +18,11 @@ def test_a_joint_that_rests_follows_unless_it_moves():
 def test_the_travel_of_a_joint_that_rests_is_zero(capsys):
     print_tracking(SimpleNamespace(states=100, joint_names=('a', 'b'),
                                    travel=np.array([0.3, 9e-16]),
-                                   largest_error=np.array([1e-4, 2e-5])))
-    _, _, moved, rests, _ = capsys.readouterr().out.splitlines()
+                                   largest_error=np.array([1e-4, 2e-5]),
+                                   commanders=('/arm/node', '/other')))
+    printed = capsys.readouterr()
+    _, _, moved, rests, holders, _ = printed.out.splitlines()
+    assert holders == 'held by /arm/node, /other'
+    assert '2 nodes command the arm; expected one' in printed.err
     assert moved.split() == ['a', '0.3', '0.0001']
     assert rests.split() == ['b', '0', '2e-05']

@@ -3,9 +3,10 @@
 from held_arms import held, held_arm
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification import (calibrate_poses, held_poses, HeldPoses,
-                                          read_poses, Recording)
-from kane_dynamics.identification.poses.held_poses import is_held
+from kane_dynamics.identification import (calibrate_poses, diagnose, held_poses,
+                                          HeldPoses, read_poses, Recording)
+from kane_dynamics.identification.poses.calibrate_poses import proposed_poses
+from kane_dynamics.identification.poses.held_poses import is_held, last_hold
 from kane_dynamics.identification.result_files import written_links
 from kane_dynamics.model.model import Inertial
 import numpy as np
@@ -151,6 +152,46 @@ def test_further_poses_reduce_the_deviations_more_than_random_ones():
     assert deviations[0] < deviations[1]
 
 
+def test_further_poses_are_distinct():
+    further = Case(2, 1).calibrated().further_poses
+    assert len(np.unique(further, axis=0)) == len(further) == 5
+
+
+def test_proposed_poses_determine_gravity_better_than_random_ones():
+    case = Case(5, 3)
+    rng = np.random.default_rng(9)
+
+    def free(q):
+        return q[:, 1] < 1.0
+    proposed = proposed_poses(case.model, 8, 0.2, free)
+    assert (np.abs(proposed) <= 2.3).all() and free(proposed).all()
+    robot = Robot(case.model, friction=False)
+    size = 0.1 * np.sqrt(np.mean(robot.gravity_force(case.test_q)**2, axis=0))[1:]
+    masses = [body.inertial.mass for body in case.model.bodies]
+    prior = np.concatenate([mass * np.array([1.0, 0.1, 0.1, 0.1] + 6 * [0.0])
+                            for mass in masses])
+    information = []
+    random = rng.uniform(-2.3, [2.3, 1.0, 2.3, 2.3, 2.3], (20, 8, 5))
+    for q in (proposed, *random):
+        Y = [robot.regressor(row, np.zeros(5), np.zeros(5))[1:] for row in q]
+        A = np.concatenate(Y / size[:, None]) * prior
+        information.append(np.linalg.slogdet(np.eye(len(A)) + A @ A.T)[1])
+    assert information[0] > np.quantile(information[1:], 0.9)
+
+
+def test_the_last_hold_is_what_rests_until_now():
+    holding = Case(3, 2).empty
+    recording = recording_of(holding)
+    now = last_hold(recording, 0.8)
+    np.testing.assert_allclose(now.q[0], holding.q[-1], atol=1e-4)
+    np.testing.assert_allclose(now.effort[0], holding.effort[-1], atol=1e-9)
+    np.testing.assert_array_equal(now.approach[0],
+                                  np.sign(holding.q[-1] - holding.q[-2]))
+    moving = recording.rows(slice(0, len(recording) - 120))
+    assert last_hold(moving, 0.8) is None  # it moves
+    assert last_hold(recording, 5.0) is None  # it has not rested for so long
+
+
 def test_the_written_supplement_has_the_gravity_of_the_calibrated_model(tmp_path):
     case = Case(3, 2)
     result = case.calibrated()
@@ -202,6 +243,20 @@ def test_poses_of_a_recording_are_its_holds(paused):
     assert is_held(recording_of(holding, paused=paused))
 
 
+@pytest.mark.parametrize('speeds', ['zero', 'derived'])
+def test_recordings_of_held_poses_are_recognized_where_a_motion_is_expected(speeds):
+    case = Case(3, 2)
+    recording = recording_of(case.empty, paused=speeds == 'zero')
+    level = 'impossible'
+    if speeds == 'derived':
+        recording = recording.with_derived_speeds()
+        level = 'remark'
+    held_faults = [fault for fault in diagnose(case.model, recording)
+                   if 'held in' in fault.words]
+    assert [fault.level for fault in held_faults] == [level]
+    assert 'kane-dynamics calibrate' in held_faults[0].words
+
+
 def test_a_motion_has_no_held_poses():
     t = np.linspace(0.0, 20.0, 2001)
     q = np.column_stack([np.sin(t), np.cos(t)])
@@ -218,6 +273,8 @@ def test_a_table_without_times_has_one_pose_a_row(tmp_path):
     np.testing.assert_array_equal(table.q, [[2, 1], [6, 5]])
     np.testing.assert_array_equal(table.effort, [[3, 4], [7, 8]])
     assert not table.approach.any()
+    path.write_text('q.a,q.b,tau.a,tau.b,approach.b,approach.a\n1,2,3,4,-1,1\n')
+    np.testing.assert_array_equal(read_poses(path, ('a', 'b')).approach, [[1, -1]])
 
 
 @pytest.mark.parametrize(('change', 'words'), [

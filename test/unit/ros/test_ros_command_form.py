@@ -9,6 +9,7 @@ from held_arms import held_arm  # noqa: E402, I100
 from kane_dynamics import load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics.control_cycle import cycle_rules  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.common.cdr import Reader  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.plant.plant_parameters import SPECS  # noqa: E402
@@ -170,6 +171,14 @@ def test_a_stop_holds_position_servos_and_leaves_no_torque_to_mit():
     np.testing.assert_allclose(damping * np.abs(SCALE), DAMPING)
 
 
+def test_the_damping_of_mit_acts_without_a_state():
+    loop = Loop('mit', scale=SCALE)
+    loop.path.stop()
+    rows = loop.commands.numbers.reshape(5, -1)
+    assert not rows[[0, 1, 2, 4]].any()
+    np.testing.assert_allclose(rows[3] * np.abs(SCALE), DAMPING)
+
+
 def test_a_position_that_is_unknown_is_not_commanded():
     loop = Loop('position_offset')
     loop.path.stop()
@@ -195,8 +204,6 @@ def test_the_torque_of_a_drive_stays_within_the_limit(form):
     ({'commands.form': 'mit'}, r"'commands.stiffness'.*expected the positive stiffness"),
     ({'commands.form': 'position_offset', 'commands.stiffness': [1.0, 2.0]},
      r'expected one number'),
-    ({'commands.form': 'mit', 'commands.stiffness': STIFF, 'stamped_commands': True},
-     r"'stamped_commands': true with commands.form mit; expected false"),
     ({'efforts.scale': [1.0, 0.0, 1.0, 1.0, 1.0]}, r"scale' of joint 'j2': 0; expected"),
 ])
 def test_a_form_that_does_not_fit_is_refused(changes, words):
@@ -275,3 +282,19 @@ def test_stamped_commands_are_the_commands(form, interface):
     np.testing.assert_array_equal(np.frombuffer(stamped[-8 * N:]), loop.commands.numbers)
     assert interface in stamped
     assert np.abs(loop.commands.numbers - loop.path._memory.tau).max() > 0.1
+
+
+def test_stamped_mit_commands_have_five_interfaces_of_each_joint():
+    loop = Loop('mit', scale=SCALE, stamped=True)
+    loop.run(0.5)
+    reader = Reader(loop.stamped.data)
+    stamp = reader.pair()
+    assert stamp[0] * NANO + stamp[1] == loop.time
+    assert (reader.text(), reader.texts()) == ('', list(MODEL.joint_names))
+    assert reader.word() == N
+    interfaces = ['position', 'velocity', 'stiffness', 'damping', 'effort']
+    for of_joint in loop.commands.numbers.reshape(5, N).T:
+        assert reader.texts() == interfaces
+        np.testing.assert_array_equal(reader.doubles(), of_joint)
+    assert reader.offset == len(loop.stamped.data)
+    assert np.abs(loop.commands.numbers.reshape(5, N)[[0, 2, 3, 4]]).min() > 0.0

@@ -31,7 +31,7 @@ class Sender(_Sender):
         self._torques = 1
         self._errors = []
         self._warnings = []
-        self._node = SimpleNamespace(count_publishers=lambda topic: 0)
+        self.node = SimpleNamespace(count_publishers=lambda topic: 0)
         self._publisher = SimpleNamespace(publish=self.receive,
                                           get_subscription_count=lambda: 1)
 
