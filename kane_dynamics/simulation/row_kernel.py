@@ -665,8 +665,11 @@ def responses(rows: RowSet, kernel: Kernel, states: Array, tau: Array, direction
     inputs = [states[:, layout.q], states[:, layout.v], tau, directions,
               *([bent] if bent.shape[1] else []), *rows.robot.equations.time_inputs(times)]
     values = np.empty((len(states), *kernel.shape))
-    kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], values,
-               len(values))
+    arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in inputs]
+    if len(values) == 1:  # lanes and threads cost more than one state
+        kernel.scan(arrays, values)
+    else:
+        kernel.run(arrays, values, len(values))
     begin, fields = 0, []
     for shape in Response.shapes(rows):
         end = begin + math.prod(shape)

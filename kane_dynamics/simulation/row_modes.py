@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.complementarity import Disc, held, still_directions, with_discs
+from kane_dynamics.mechanics.complementarity import (Disc, held, lcp, still_directions,
+                                                   with_discs)
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
@@ -404,7 +405,10 @@ class RowModes:
                         dtype=int)
         f = np.zeros(m)
         if len(used):
-            f[used] = _solved(A, now.a, lower, upper, discs, used)
+            if touching or not rows.tree:
+                f[used] = _solved(A, now.a, lower, upper, discs, used)
+            else:  # of independent joints: nothing contradicts
+                f[used] = lcp(A[np.ix_(used, used)], now.a[used], lower[used], upper[used])
         a = now.a + A @ f
         still = STILL * np.abs(now.a).max(initial=1e-300)
         self._contact_modes(f, a, touching, contacts, begins, still, breaks)

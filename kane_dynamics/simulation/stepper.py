@@ -14,7 +14,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import energy_kernel
+from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
 from kane_dynamics.simulation.observers import Extremes, Impact
 from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, response_kernel,
                                                  row_kernel, RowMode, RowSet)
@@ -27,10 +27,11 @@ import numpy as np
 FIRST, GROWTH = 16, 4  # steps of the first native piece, and ratio of the next ones
 MOST = 200  # transitions in one step
 SHORT = 1e-9  # of a step: a part that is left out
-HALVINGS = 40  # of a step, to find a time at which the guards are positive
-TRIALS = 100  # of the root of the guards
-NEAR, NEAREST = 1e-2, 1e-6  # of the interval of a root: distance of trials from the secant
 EXACT = 1e-13  # of a step: width of the interval of a root
+ROUNDS = 60  # of the search for a root
+# Of the interval of a root: lengths of the first parts, and of those around the secant.
+GRID = 2.0**-np.array([40.0, 20.0, 10.0, 5.0, 3.0, 2.0, 1.0])
+NEAR = np.array([-1e-2, -1e-4, -1e-7, 1e-7, 1e-4, 1e-2])
 
 
 class Contacts(NamedTuple):
@@ -41,17 +42,23 @@ class Contacts(NamedTuple):
     restitution: Any = ()
 
 
-class _Part(NamedTuple):
-    """A part of a step: the state at its end, guards, and power of contacts at its begin."""
+class _Parts(NamedTuple):
+    """
+    Parts of a step, of K lengths.
 
-    state: Array
-    guards: Guards
+    The states at their ends, (K, size); all guards there with those of the forces, (K, m);
+    those of the forces at the beginning, and the power of contacts there.
+    """
+
+    states: Array
+    guards: Array
+    forces: Array
     power: float
 
     @property
-    def valid(self) -> bool:
-        """Return whether all guards are positive; NaN is not."""
-        return bool((self.guards.forces > 0.0).all() and (self.guards.ends > 0.0).all())
+    def valid(self) -> Any:
+        """Return which parts have positive guards, (K,); NaN is not positive."""
+        return (self.guards > 0.0).all(axis=1)
 
 
 class _Loss(NamedTuple):
@@ -188,14 +195,14 @@ class RowSteps:
     def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
         """Compute the states of simulation i after each step, (K + 1, size)."""
         path = _Path(self, source, i)
-        end = len(rows) - 1
+        count_of_rows = len(rows) - 1
         modes = self._modes_at(i, done, rows[0])
         at, piece = 0, FIRST
         state = rows[0]  # from which the steps go on, after impacts
-        while at < end:
+        while at < count_of_rows:
             if modes is None:
                 state, modes = path.begun(state, done + at, 0.0)
-            count = min(piece, end - at)
+            count = min(piece, count_of_rows - at)
             computed, guards, power = path.scanned(state, done + at, count, modes)
             good = ((guards.forces > 0.0).all(axis=1) & (guards.ends > 0.0).all(axis=1)
                     & self._accepted(computed))
@@ -203,10 +210,10 @@ class RowSteps:
             # The forces at the end of the last valid step are those of the same torque.
             ends = power[valid:valid + 1]
             if valid and path.watches_end(modes):
-                end_part = path.part(computed[valid - 1], done + at + valid - 1, self._step,
-                                     0.0, modes)
-                ends = np.array([end_part.power])
-                if not (end_part.guards.forces > 0.0).all():
+                end = path.parts(computed[valid - 1], done + at + valid - 1, self._step,
+                                 np.zeros(1), modes)
+                ends = np.array([end.power])
+                if not (end.forces > 0.0).all():
                     valid -= 1
                     ends = power[valid:valid + 1]
             rows[at + 1:at + 1 + valid] = computed[:valid]
@@ -230,7 +237,7 @@ class RowSteps:
                 return
             at += 1
         if modes is not None:
-            self._known[i] = done + end, rows[end].copy(), modes
+            self._known[i] = done + count_of_rows, rows[-1].copy(), modes
 
     def _accepted(self, states: Array) -> Any:
         """Return which states, (K, size), are finite with a positive margin, if any."""
@@ -265,6 +272,7 @@ def compile_rows(robot: Robot, choice: StepChoice, stops: bool, sticking: bool) 
     rows = row_set(robot, stops, sticking, (), (), (), choice.needed(robot).dual_to)
     if rows.joints:
         row_kernel(rows, choice).compile()
+        response_kernel(rows).compile()
         response_kernel(rows).compile_lanes()
         energy_kernel(robot, sticking).compile()
 
@@ -290,6 +298,9 @@ class _Path:
         self._place_of_step = 2 * robot.n if source.follows else 0
         self._modes: ModeChoice | None = None
         self._mode_numbers: Array = np.zeros(0)
+        self._watches_end = False
+        self._energies = energy_kernel(robot, steps.sticking)
+        self._energy_entries = state_layout(robot).without_margin
 
     def scanned(self, state: Array, step: int, count: int,
                 modes: ModeChoice) -> tuple[Array, Guards, Array]:
@@ -307,6 +318,10 @@ class _Path:
         """Return the input of the kernel for the modes, computed once for each choice."""
         if modes is not self._modes:
             self._modes, self._mode_numbers = modes, modes.numbers(self._rows.rows)
+            of_joints = any(mode in HELD or locks
+                            for mode, locks in zip(modes.joints, self._rows.rows.locks))
+            self._watches_end = of_joints or any(mode != RowMode.OFF
+                                                 for mode in modes.contacts)
         return self._mode_numbers
 
     def _guards(self, numbers: Array) -> Guards:
@@ -314,33 +329,39 @@ class _Path:
         end = len(of.joints) + 2 * len(of.pairs)
         return Guards(numbers[..., :end], numbers[..., end:])
 
-    def part(self, state: Array, step: int, passed: float, length: float,
-             modes: ModeChoice) -> _Part:
-        """Return a part of a step, from `passed` s after its beginning on."""
-        constants = self._source.constants.copy()
-        constants[self._place_of_step] = length
-        inputs = self._source.inputs_within(step, passed, length)[0, 0]
-        size = len(state)
-        row = np.empty((1, *self._kernel.shape))
-        self._kernel.scan([state[None], inputs, self._numbers(modes)], row,
-                          constants=constants)
-        return _Part(row[0, :size].copy(), self._guards(row[0, size:-1]), float(row[0, -1]))
+    def _computed(self, states: Array, step: int, passed: Any, lengths: Array,
+                  modes: ModeChoice) -> Array:
+        """
+        Return the kernel's results of parts of a step, of K lengths, (K, ...).
 
-    def _whole(self, state: Array, step: int, passed: float, length: float,
-               modes: ModeChoice) -> tuple[_Part, Array]:
-        """Return a part of a step, and all its guards with those of the forces at its end."""
-        part = self.part(state, step, passed, length, modes)
-        guards = part.guards.ends
+        `states`, (size,) or (K, size), and `passed`, s, are at their beginnings.
+        """
+        source = self._source
+        constants = np.repeat(source.constants[None], len(lengths), axis=0)
+        constants[:, self._place_of_step] = lengths
+        results = np.empty((len(lengths), *self._kernel.shape))
+        self._kernel.scan([states, source.inputs_within(step, passed, lengths),
+                           self._numbers(modes)], results, constants=constants)
+        return results
+
+    def parts(self, state: Array, step: int, passed: float, lengths: Array,
+              modes: ModeChoice) -> _Parts:
+        """Return parts of a step, from `passed` s after its beginning on."""
+        of = self._rows.rows
+        size = len(state)
+        forces = slice(size, size + len(of.joints) + 2 * len(of.pairs))
+        results = self._computed(state, step, passed, lengths, modes)
+        guards = results[:, forces.stop:-1]
         if self.watches_end(modes):
-            ends = self.part(part.state, step, passed + length, 0.0, modes).guards.forces
-            guards = np.concatenate([guards, ends])
-        return part, guards
+            ends = self._computed(results[:, :size], step, passed + lengths, 0.0 * lengths,
+                                  modes)
+            guards = np.concatenate([guards, ends[:, forces]], axis=1)
+        return _Parts(results[:, :size], guards, results[0, forces], float(results[0, -1]))
 
     def watches_end(self, modes: ModeChoice) -> bool:
         """Return whether a row has a force that ends at a bound."""
-        of_joints = any(mode in HELD or locks
-                        for mode, locks in zip(modes.joints, self._rows.rows.locks))
-        return of_joints or any(mode != RowMode.OFF for mode in modes.contacts)
+        self._numbers(modes)
+        return self._watches_end
 
     def dissipated(self, step: int, power: Array) -> None:
         """Record the work of contacts in steps by the power at their ends, (K + 1,)."""
@@ -371,10 +392,14 @@ class _Path:
         Its change is the loss of an impact, and the work that the impact does on
         prescribed motions.
         """
-        robot = self._source.robot
-        size = state_layout(robot).without_margin
-        terms = energy_kernel(robot, self._steps.sticking)(state[None, :size])
-        return float(terms[0, 0])
+        return float(self._energy_terms(state)[0, 0])
+
+    def _energy_terms(self, *states: Array) -> Array:
+        """Return kinetic and potential energy and power of friction, (K, 3), of K states."""
+        terms = np.empty((len(states), TERMS))
+        self._energies.scan([np.array(states)[:, :self._energy_entries]], terms,
+                            constants=self._source.robot.parameters.block)
+        return terms
 
     def through(self, state: Array, step: int, modes: ModeChoice) -> tuple[Array, ModeChoice]:
         """Return the state after a step with transitions, and the modes there."""
@@ -386,18 +411,18 @@ class _Path:
             if left <= SHORT * self._step:
                 self._kinks_of_friction(step, begin, state)
                 return state, modes
-            part, guards = self._whole(state, step, passed, left, modes)
-            if (guards > 0.0).all():
-                self._kink(step, left, part)
-                self._kinks_of_friction(step, begin, part.state)
-                return part.state, modes
-            if not np.isfinite(part.state).all():
-                return part.state, modes
-            beyond = part, guards
-            time, part, guards = self._root(state, step, passed, left, modes, beyond)
-            self._kink(step, time, part)
+            whole = self.parts(state, step, passed, np.array([left]), modes)
+            end = whole.states[0]
+            if whole.valid[0]:
+                self._kink(step, left, whole.power)
+                self._kinks_of_friction(step, begin, end)
+                return end.copy(), modes
+            if not np.isfinite(end).all():
+                return end, modes
+            time, end, guards = self._root(state, step, passed, left, modes, whole)
+            self._kink(step, time, whole.power)
             passed += time
-            state = self._reached(part.state, guards)
+            state = self._reached(end, guards)
             # Rows that share a force may reach their bounds at one instant, one after the
             # other: set free again, they would take turns without end.
             at_once = breaks if time <= SHORT * self._step else []
@@ -407,60 +432,52 @@ class _Path:
         raise InputError(f'simulation: more than {MOST} transitions of stops, friction and '
                          f'contacts in the step at {t:.6g} s; expected a shorter step')
 
-    def _kink(self, step: int, length: float, part: _Part) -> None:
+    def _kink(self, step: int, length: float, power: float) -> None:
         """Record the energy of contacts in a part of a step, and its uncertainty."""
-        lost = -part.power * length
+        lost = -power * length
         self._steps.record(self._i, step, lost, abs(lost) + 0.0)
 
     def _kinks_of_friction(self, step: int, begin: Array, end: Array) -> None:
         """Record that the power of friction of joints has a kink within a step."""
-        robot = self._source.robot
-        size = state_layout(robot).without_margin
-        terms = energy_kernel(robot, self._steps.sticking)(np.stack([begin, end])[:, :size])
-        power = float(np.abs(terms[:, 2]).sum())
+        power = float(np.abs(self._energy_terms(begin, end)[:, 2]).sum())
         self._steps.record(self._i, step, 0.0, 0.5 * self._step * power)
 
     def _root(self, state: Array, step: int, passed: float, left: float, modes: ModeChoice,
-              past: tuple[_Part, Array]) -> tuple[float, _Part, Array]:
+              whole: _Parts) -> tuple[float, Array, Array]:
         """
         Return the first time at which a guard is not positive, just past it.
 
-        `past` is the part of the length `left`, and the guards at its end. The third result
-        has the guards at the root. A guard may be zero at the beginning, of a row that has
-        just left its bound.
+        `whole` is the part of the length `left`. The other results are the state and the
+        guards there. A guard may be zero at the beginning, of a row that has just left its
+        bound.
         """
         low, high = 0.0, left
-        part, beyond = past
-        inside = beyond
-        for k in range(1, HALVINGS):
-            low = left * 0.5**k
-            trial_part, inside = self._whole(state, step, passed, low, modes)
-            if (inside > 0.0).all():
+        end, beyond = whole.states[0], whole.guards[0]
+        shares = GRID
+        for _ in range(ROUNDS):
+            lengths = low + shares * (high - low)
+            lengths = lengths[(lengths > low) & (lengths < high)]
+            if high - low <= EXACT * self._step or not len(lengths):
                 break
-            high, beyond, part = low, inside, trial_part
-        else:
-            return high, part, beyond
-        # Just past and just before the earliest secant of the guards that fail, then the
-        # middle. The secant is the nearer, the narrower the interval.
-        for trial in range(TRIALS):
-            if high - low <= EXACT * self._step:
-                break
-            fails = ~(beyond > 0.0)
-            share = 0.5
-            if trial % 3 < 2 and np.isfinite(beyond[fails]).all():
-                falls = inside[fails] - beyond[fails]
-                near = max(NEAR * (high - low) / left, NEAREST)
-                share = float((inside[fails] / falls).min())
-                share = min(max(share + (near if trial % 3 == 0 else -near), 0.0), 1.0)
-            middle = low + share * (high - low)
-            if not low < middle < high:
-                middle = 0.5 * (low + high)
-            trial_part, guards = self._whole(state, step, passed, middle, modes)
-            if (guards > 0.0).all():
-                low, inside = middle, guards
+            parts = self.parts(state, step, passed, lengths, modes)
+            valid = parts.valid
+            if low == 0.0:  # a part that is short may fail by rounding: the longest counts
+                first = max((k + 1 for k in np.flatnonzero(valid).tolist()), default=0)
             else:
-                high, beyond, part = middle, guards, trial_part
-        return high, part, beyond
+                first = len(valid) if valid.all() else int(np.argmin(valid))
+            if first < len(valid):
+                high, end, beyond = lengths[first], parts.states[first], parts.guards[first]
+            if first:
+                low, inside = lengths[first - 1], parts.guards[first - 1]
+            elif low == 0.0:
+                break
+            # Around the earliest secant of the guards that fail, and in the middle.
+            fails = ~(beyond > 0.0)
+            secant = 0.5
+            if np.isfinite(beyond[fails]).all():
+                secant = float((inside[fails] / (inside[fails] - beyond[fails])).min())
+            shares = np.sort(np.append(secant + NEAR, 0.5))
+        return high, end, beyond
 
     def _breaks(self, guards: Array) -> list[int]:
         """Return the rows whose forces have reached their bounds, as `RowModes.choose`."""

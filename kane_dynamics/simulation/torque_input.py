@@ -116,14 +116,18 @@ class TorqueInput:
         table: Array = self.torque if shared else self.torque[:, done:done + count]
         return table[:, :, None]
 
-    def inputs_within(self, done: int, passed: float, length: float) -> Array:
-        """Return the inputs of a part of a step, `passed` s after its beginning, (1, 1, ...)."""
-        if not isinstance(self.torque, ComputedTorque):
-            return self.inputs(done, 1)
-        begin = self.start + done * np.float64(self.step) + passed
-        return self._desired(np.array([begin]), length)
+    def inputs_within(self, done: int, passed: Any, lengths: Array) -> Array:
+        """
+        Return the inputs of parts of a step, of K lengths: one for all, or K of them.
 
-    def _desired(self, begins: Array, length: float) -> Array:
+        They begin `passed` s after its beginning, a number or (K,).
+        """
+        if not isinstance(self.torque, ComputedTorque):
+            return self.inputs(done, 1)[0, 0]
+        begin = self.start + done * np.float64(self.step) + passed
+        return self._desired(np.broadcast_to(begin, lengths.shape), lengths)[0]
+
+    def _desired(self, begins: Array, length: Any) -> Array:
         """
         Return the desired motion of K steps, (1, K, 3, 3 n): beginning, middle and end.
 
@@ -206,7 +210,7 @@ class TorqueInput:
         return tau.reshape(u.shape)
 
 
-def stage_times(begins: Array, length: float) -> Array:
+def stage_times(begins: Array, length: Any) -> Array:
     """
     Return the times of the beginning, middle and end of K steps, (K, 3), s.
 
