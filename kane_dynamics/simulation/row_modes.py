@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.complementarity import (Disc, held, lcp, still_directions,
-                                                   with_discs)
+                                                     with_discs)
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units, rate_of
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.mechanics.friction import (has_breakaway_drop, has_dry_friction,
