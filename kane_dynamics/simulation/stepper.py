@@ -94,6 +94,7 @@ class RowSteps:
         self._robot, self._step, self._start = robot, step, start
         self.stops, self.sticking = stops, sticking
         self._contacts = contacts or Contacts()
+        self._without_margin = state_layout(robot).without_margin
         self._modes_of: dict[tuple[str, ...], tuple[Robot, RowModes]] = {}
         self._losses: dict[int, list[_Loss]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent | ContactEvent]]] = {}
@@ -241,7 +242,7 @@ class RowSteps:
 
     def _accepted(self, states: Array) -> Any:
         """Return which states, (K, size), are finite with a positive margin, if any."""
-        margin = states[:, state_layout(self._robot).without_margin:]
+        margin = states[:, self._without_margin:]
         return np.isfinite(states).all(axis=1) & (margin > 0.0).all(axis=1)
 
     def record(self, i: int, steps: Any, loss: Any, uncertain: Any) -> None:

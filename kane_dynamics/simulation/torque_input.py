@@ -123,9 +123,9 @@ class TorqueInput:
         They begin `passed` s after its beginning, a number or (K,).
         """
         if not isinstance(self.torque, ComputedTorque):
-            return self.inputs(done, 1)[0, 0]
+            return np.asarray(self.inputs(done, 1)[0, 0])
         begin = self.start + done * np.float64(self.step) + passed
-        return self._desired(np.broadcast_to(begin, lengths.shape), lengths)[0]
+        return np.asarray(self._desired(np.broadcast_to(begin, lengths.shape), lengths)[0])
 
     def _desired(self, begins: Array, length: Any) -> Array:
         """
