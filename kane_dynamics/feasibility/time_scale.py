@@ -115,8 +115,10 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
             require_scalable(robot, slowest.q)
         if not slowest.fits or speed < LOWEST:
             return None
-        speed, _ = largest_fitting(partial(at_samples, additional=additional), LOWEST,
-                                   speed, PRECISION)
+        speed, beyond = largest_fitting(partial(at_samples, additional=additional), LOWEST,
+                                        speed, PRECISION)
+        if beyond:  # the tolerance on limits is left for the rounding of files
+            speed *= 1.0 - ROUNDING
         at_speed = at_samples(speed, additional)
         scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
         refined = at_speed.in_doubt
