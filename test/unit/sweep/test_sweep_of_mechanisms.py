@@ -131,8 +131,8 @@ def test_an_open_start_and_a_passed_singularity_are_rows_with_the_reason():
     q0 = dict(zip(robot.joint_names, q.tolist()))
     rows = columns(Sweep(robot, samples=2, duration=1.0, step=STEP, q0=q0,
                          u0={'rocker': {'grid': [0.0, u]}}))
-    with pytest.raises(ConstraintError, match=r'singular|ill-conditioned|dead point'):
-        simulate(robot, q, [u], 1.0, step=STEP)
+    # `simulate` goes on in other speeds, sweeps have one choice.
+    assert np.isfinite(simulate(robot, q, [u], 1.0, step=STEP).q).all()
     assert not rows['ok'][1] and np.isnan(rows['q.rocker'][1])
     assert 'the independent speeds rocker become ill-conditioned' in rows['error'][1]
     far = columns(Sweep(linkage(independent=('rocker',)), samples=2, duration=0.01,
