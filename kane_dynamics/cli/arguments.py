@@ -122,7 +122,7 @@ def _equations(sub: ArgumentParser) -> None:
     sub.add_argument('--energy', action='store_true',
                      help='derive inertia forces by variations of vectors, too')
     form = sub.add_mutually_exclusive_group()
-    for name in ('latex', 'markdown', 'csv', 'c', 'python'):
+    for name in ('latex', 'markdown', 'c', 'python'):
         form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
     sub.set_defaults(format='text')
     sub.add_argument('-o', '--out', metavar='FILE',

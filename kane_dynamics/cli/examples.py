@@ -73,9 +73,9 @@ examples:
   kane-dynamics equations rolling_disc.py
 
 A Python file has one variable with a Robot. m1, r1, I1 are mass, center of mass and
-moment of inertia of the first body, l1 the position of its joint. --csv prints the
-table of partial velocities, --c and --python print code. Operation counts share common
-subexpressions; those of the compiled kernels are printed too.""",
+moment of inertia of the first body, l1 the position of its joint. --c and --python
+print code. Operation counts share common subexpressions; those of the compiled kernels
+are printed too.""",
     'identify': """
 examples:
   kane-dynamics identify arm.urdf recording.csv

@@ -8,7 +8,7 @@ further expression is a short polynomial in them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -121,19 +121,14 @@ class Derivation:
     @property
     def bias(self) -> Any:
         """Return the bias force, (n, 1): M u_I' + bias = tau + external."""
-        total = self.inertia_bias
-        for source in ('gravity', 'springs', 'friction'):
-            if source in self.active:
-                total = total - self.active[source]
-        return total
+        own = [force for source, force in self.active.items()
+               if source in ('gravity', 'springs', 'friction')]
+        return self.inertia_bias - sum(own, sp.zeros(len(self.free), 1))
 
     @property
     def right_side(self) -> Any:
         """Return f, (n, 1), of M u_I' = f: the sum of all forces at u_I' = 0."""
-        total = -self.inertia_bias
-        for force in self.active.values():
-            total = total + force
-        return total
+        return sum(self.active.values(), -self.inertia_bias)
 
     @property
     def inertia_force(self) -> Any:
@@ -192,23 +187,20 @@ class _Paper:
     """Shortens expressions, and gives letters to long ones."""
 
     def __init__(self, q: Sequence[Any], speeds: Sequence[Any],
-                 at: Mapping[Any, float], progress: Callable[[float], object]) -> None:
+                 at: Mapping[Any, float]) -> None:
         """Start without letters; `at` are numbers at which signs are chosen."""
         self.letters: dict[Any, Any] = {}
         self.conditions: dict[Any, None] = {}
         self._q = q
         self._speeds = speeds
         self._at = at
-        self._progress = progress
 
     def short(self, array: Any) -> Any:
         """Return the shortest forms of an array of scalars as a SymPy matrix."""
         entries = np.asarray(array, dtype=object)
         expressions = [self._signed(unwrapped(x)) for x in entries.ravel()]
         rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
-        result = sp.Matrix(rows, columns, shortened(expressions, self._q, self._speeds))
-        self._progress(0.5)
-        return result
+        return sp.Matrix(rows, columns, shortened(expressions, self._q, self._speeds))
 
     def symmetric(self, array: Any) -> Any:
         """Return the shortest forms of a symmetric array; equal entries are shared."""
@@ -252,8 +244,7 @@ def _is_quotient(expression: Any) -> bool:
 
 def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
                points: Sequence[str] = (), auxiliary: Sequence[str] = (),
-               energy: bool = False, near: Any = None,
-               progress: Callable[[float], object] = lambda done: None) -> Derivation:
+               energy: bool = False, near: Any = None) -> Derivation:
     """
     Derive the equations of motion of a mechanism by Kane's method.
 
@@ -275,8 +266,6 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
     near : (n_q,) array_like, optional
         Configuration at which signs of square roots are those of the equations. Default:
         the robot's.
-    progress : callable
-        Called with the finished fraction of the work.
 
     Raises
     ------
@@ -294,7 +283,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
                          'linear_form about one motion')
     rows = [force for force in auxiliary if force in robot.mechanism.labels]
     reactions = [force for force in auxiliary if force not in rows]
-    steps = _Steps(robot, ParameterSymbols(numbers), reactions, near, progress)
+    steps = _Steps(robot, ParameterSymbols(numbers), reactions, near)
     fields = steps.speeds()
     fields |= steps.vectors(axes, points)
     fields |= steps.forces(rows)
@@ -311,7 +300,7 @@ class _Steps:
     """The steps of a derivation in their order; each returns fields of `Derivation`."""
 
     def __init__(self, robot: Robot, table: ParameterSymbols, reactions: Sequence[str],
-                 near: Any, progress: Callable[[float], object]) -> None:
+                 near: Any) -> None:
         """Prepare the mechanism of symbols, with a speed for each reaction."""
         self.robot = robot
         self.table = table
@@ -339,7 +328,7 @@ class _Steps:
                   for parameter in table.parameters.values()}
         values.update(zip(self.q_symbols, _configuration(robot, near)))
         values[self.t.value] = 0.0
-        self.paper = _Paper(self.q_symbols, self.u_symbols, values, progress)
+        self.paper = _Paper(self.q_symbols, self.u_symbols, values)
 
     def speeds(self) -> dict[str, Any]:
         """Return speeds, kinematical differential equations and constraints."""

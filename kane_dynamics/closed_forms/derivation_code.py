@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 import re
+from textwrap import indent
 from typing import Any
 
 from kane_dynamics.closed_forms.derivation import Derivation
@@ -72,64 +73,6 @@ def equations_of_motion(form: Derivation) -> dict[str, Any]:
     return results
 
 
-def as_code(form: Derivation, language: str) -> str:
-    """
-    Return a function that evaluates the equations of motion.
-
-    Parameters
-    ----------
-    form : Derivation
-        The equations.
-    language : 'python' or 'c'
-        C99 with the functions of math.h.
-
-    Raises
-    ------
-    InputError
-        An unknown language.
-
-    """
-    if language not in LANGUAGES:
-        raise InputError(f'language: {language!r}; expected one of '
-                         f'{", ".join(LANGUAGES)}')
-    program = StraightLineCode(form.letters, equations_of_motion(form))
-    # Arguments: symbols in the order of their entries.
-    arguments = {'q': form.q, 'u': [form.u[r] for r in form.free]}
-    if form.torques:
-        arguments['T'] = form.torques
-    if form.wrench:
-        arguments['wrench'] = form.wrench
-    if form.auxiliary:
-        arguments['udot'] = [form.udot[r] for r in form.free]
-    name = re.sub(r'\W', '_', form.robot.model.name)
-    write = _python if language == 'python' else _c
-    return write(f'dynamics_of_{name}', form, arguments, program)
-
-
-def _python(name: str, form: Derivation, arguments: Mapping[str, Any],
-            program: StraightLineCode) -> str:
-    """Return a function of Python."""
-    printer = PythonCodePrinter({'fully_qualified_modules': False})
-    lines = []
-    for argument, symbols in arguments.items():
-        lines.append(f'{", ".join(map(str, symbols))}, = {argument}')
-    lines += [f'{parameter.symbol} = {parameter.value!r}  # {parameter.unit}'
-              for parameter in form.parameters]
-    lines += [f'{symbol} = {printer.doprint(value)}'
-              for symbol, value in program.assignments]
-    for result, matrix in program.results.items():
-        rows = [f'[{", ".join(map(printer.doprint, row))}]' for row in matrix.tolist()]
-        if result != 'M':  # a column
-            rows = [row[1:-1] for row in rows]
-        lines.append(f'{result} = [{", ".join(rows)}]')
-    lines.append(f'return {", ".join(program.results)}')
-    # What the lines use of math.
-    used = sorted({word for names in printer.module_imports.values() for word in names})
-    head = f'from math import {", ".join(used)}\n\n\n' if used else ''
-    body = '\n'.join(f'    {line}' for line in lines)
-    return f'{head}def {name}({", ".join(arguments)}, t=0.0):\n{body}\n'
-
-
 class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
     """C99 with small powers as products, and no integers that an int cannot hold."""
 
@@ -143,23 +86,56 @@ class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
         return str(super()._print_Pow(expr))
 
 
-def _c(name: str, form: Derivation, arguments: Mapping[str, Any],
-       program: StraightLineCode) -> str:
-    """Return a function of C99; matrices by rows."""
-    printer = _C()
-    lines = []
-    for argument, symbols in arguments.items():
-        lines += [f'const double {symbol} = {argument}[{k}];'
-                  for k, symbol in enumerate(symbols)]
-    lines += [f'const double {parameter.symbol} = {parameter.value!r};'
+def as_code(form: Derivation, language: str) -> str:
+    """
+    Return a function that evaluates the equations of motion.
+
+    Parameters
+    ----------
+    form : Derivation
+        The equations.
+    language : 'python' or 'c'
+        C99 with the functions of math.h; matrices by rows.
+
+    Raises
+    ------
+    InputError
+        An unknown language.
+
+    """
+    if language not in LANGUAGES:
+        raise InputError(f'language: {language!r}; expected one of '
+                         f'{", ".join(LANGUAGES)}')
+    is_c = language == 'c'
+    write = (_C() if is_c else PythonCodePrinter()).doprint
+    constant = 'const double {} = {};' if is_c else '{} = {}'
+    program = StraightLineCode(form.letters, equations_of_motion(form))
+    arguments = {'q': form.q, 'u': [form.u[r] for r in form.free], 'T': form.torques,
+                 'wrench': form.wrench,
+                 'udot': [form.udot[r] for r in form.free if form.auxiliary]}
+    arguments = {name: entries for name, entries in arguments.items() if entries}
+
+    # Arguments, parameters, common subexpressions and letters, then the results.
+    lines = [constant.format(symbol, f'{argument}[{k}]')
+             for argument, entries in arguments.items() for k, symbol in enumerate(entries)]
+    lines += [constant.format(parameter.symbol, repr(parameter.value))
               for parameter in form.parameters]
-    lines += [f'const double {symbol} = {printer.doprint(value)};'
-              for symbol, value in program.assignments]
+    lines += [constant.format(symbol, write(x)) for symbol, x in program.assignments]
     for result, matrix in program.results.items():
-        lines += [f'{result}[{k}] = {printer.doprint(entry)};'
-                  for k, entry in enumerate(matrix)]
-    inputs = [f'const double *{argument}' for argument in arguments]
-    outputs = [f'double *{result}' for result in program.results]
-    body = '\n'.join(f'    {line}' for line in lines)
-    signature = ', '.join([*inputs, 'double t', *outputs])
-    return f'#include <math.h>\n\nvoid {name}({signature})\n{{\n{body}\n}}\n'
+        entries = list(map(write, matrix))
+        if is_c:
+            lines += [f'{result}[{k}] = {entry};' for k, entry in enumerate(entries)]
+            continue
+        if result == 'M':
+            entries = [f'[{", ".join(map(write, row))}]' for row in matrix.tolist()]
+        lines.append(f'{result} = [{", ".join(entries)}]')
+    name = 'dynamics_of_' + re.sub(r'\W', '_', form.robot.model.name)
+    if is_c:
+        body = indent('\n'.join(lines), '    ')
+        inputs = [f'const double *{argument}' for argument in arguments]
+        outputs = [f'double *{result}' for result in program.results]
+        signature = ', '.join([*inputs, 'double t', *outputs])
+        return f'#include <math.h>\n\nvoid {name}({signature})\n{{\n{body}\n}}\n'
+    lines.append(f'return {", ".join(program.results)}')
+    body = indent('\n'.join(lines), '    ')
+    return f'import math\n\n\ndef {name}({", ".join(arguments)}, t=0.0):\n{body}\n'

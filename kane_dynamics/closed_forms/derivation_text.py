@@ -1,60 +1,28 @@
 """
-Derivations as text, Markdown, LaTeX, a table in CSV, and plain data.
+Derivations as text, Markdown and LaTeX, and as plain data.
 
-All but data are written from the same steps: titles, sentences and equations.
+The texts are written from the same steps: titles, sentences and equations.
 """
 
-import csv
-from dataclasses import asdict
-import io
-import re
-from typing import Any, NamedTuple
+from __future__ import annotations
 
-from kane_dynamics.closed_forms.derivation import Derivation
+from dataclasses import asdict
+import re
+from typing import Any, NamedTuple, TYPE_CHECKING
+
 from kane_dynamics.closed_forms.derivation_code import equations_of_motion, StraightLineCode
 from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 
+if TYPE_CHECKING:
+    from kane_dynamics.closed_forms.derivation import Derivation
+
 DIGITS = 6
-WIDTH = 90  # characters of LaTeX on a line of a sum
-# Rows of a table of partial velocities.
-VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}
-DOTS = {'omega': 'alpha', 'v': 'a'}
-Row = tuple[str, str, str]
+WIDTH = 58  # glyphs on a line of LaTeX: a column of 12 cm in letters of 10 points
+VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}  # rows of a table of velocities
+ACCELERATIONS = {'alpha': slice(0, 3), 'a': slice(3, 6)}
 Counts = dict[str, OperationCount]
-
-
-class Name(NamedTuple):
-    """Name of a quantity: a letter, an index, dots for rates, and a body or source."""
-
-    letter: str
-    place: str = ''
-    dots: int = 0
-    of: str = ''
-
-    def text(self) -> str:
-        """Return the name as plain text."""
-        owner = f' of {self.of}' if self.of else ''
-        return self.letter + self.place + "'" * self.dots + owner
-
-    def latex(self) -> str:
-        """Return the name as LaTeX."""
-        letter, mark = self.letter.rstrip('*'), self.letter.count('*') * '*'
-        if letter in ('omega', 'alpha'):
-            letter = '\\' + letter
-        if self.dots:
-            letter = rf'\dot {letter}'
-        owner = rf'\text{{{_escaped(self.of)}}}' if self.of else ''
-        above = f'^{{{mark}{owner}}}' if mark or owner else ''
-        below = f'_{{{self.place}}}' if self.place else ''
-        return f'{letter}{below}{above}'
-
-
-class Equation(NamedTuple):
-    """A name and the expression that it equals; a matrix is a vector."""
-
-    name: Name
-    value: Any
+Equation = tuple[str, Any]  # a name, and an expression or a vector
 
 
 class Step(NamedTuple):
@@ -67,83 +35,91 @@ class Step(NamedTuple):
 
 def steps(form: Derivation) -> list[Step]:
     """Return the steps of the derivation, in the order of the book."""
-    independent = [form.u[r] for r in form.free]
+    independent = [str(form.u[r]) for r in form.free]
+    places = [r + 1 for r in form.free]
+    udot = sp.Matrix([form.udot[r] for r in form.free])
+    joint_rates = sp.Matrix(sp.symbols(f'qdot1:{form.Y.cols + 1}'))
+    where = {'own': 'of each body', 'world': 'of the world'}
+    axes = f'in the axes {where.get(form.axes, f"of {form.axes}")}.'
+    dependent = [form.u[r] for r in form.dependent]
+    dependent_rates = form.A * udot + form.drift
+    partials = [(f'{letter}{r + 1} of {body}', table[rows, column])
+                for body, table in form.partials.items()
+                for column, r in enumerate(form.speeds_of_tables)
+                for letter, rows in VECTORS.items()]
+    inertia = [(f'F*{r}', x) for r, x in zip(places, form.inertia_force)]
+    matrix = [(f'M{r + 1}{s + 1}', form.M[r, s])
+              for r in range(len(places)) for s in range(r, len(places))]
+    needed = form.symbols_of_equations
     result = [
         Step('Generalized speeds', "Generalized speeds u = Y q' + Z of the joint rates q'.",
-             _speeds(form)),
+             list(zip(map(str, form.u), form.Y * joint_rates + form.Z))),
         Step('Kinematical differential equations', 'The rates of the coordinates.',
-             [Equation(Name('q', str(k + 1), 1), x) for k, x in enumerate(form.qdot)])]
-    if form.dependent:
-        names = ', '.join(map(str, independent))
-        equations = [Equation(_plain_name(form.u[r]), form.letters[form.u[r]])
-                     for r in form.dependent]
-        equations += [Equation(_plain_name(form.u[r], 1), _rate(form, k))
-                      for k, r in enumerate(form.dependent)]
-        result.append(Step('Constraints', f'Dependent speeds u_D = A u_I + B of the '
-                           f'independent speeds {names}, and their rates.', equations))
-    where = {'own': 'of each body', 'world': 'of the world'}
-    axes = where.get(form.axes, f'of {form.axes}')
-    result += [
-        Step('Velocities', f'Angular velocities, and velocities of centers of mass and '
-             f'points, in the axes {axes}.', _vectors(form.velocities, VECTORS)),
-        Step('Partial velocities', f'Coefficients of the independent speeds, in the axes '
-             f'{axes}.', _partials(form)),
-        Step('Accelerations', f'Angular accelerations and accelerations, in the axes '
-             f'{axes}.', _vectors(form.accelerations,
-                                  {DOTS[k]: rows for k, rows in VECTORS.items()})),
+             [(f"q{k}'", x) for k, x in enumerate(form.qdot, 1)]),
+        Step('Constraints', f'Dependent speeds u_D = A u_I + B of the independent speeds '
+             f'{", ".join(independent)}, and their rates.',
+             [*((str(u), form.letters[u]) for u in dependent),
+              *((f"{u}'", x) for u, x in zip(dependent, dependent_rates))]),
+        Step('Velocities', 'Angular velocities, and velocities of centers of mass and '
+             f'points, {axes}', _vectors(form.velocities, VECTORS)),
+        Step('Partial velocities', f'Coefficients of the independent speeds, {axes}',
+             partials),
+        Step('Accelerations', f'Angular accelerations and accelerations, {axes}',
+             _vectors(form.accelerations, ACCELERATIONS)),
         Step('Generalized active forces', 'By source; the sum is F.',
-             [Equation(Name('F', str(form.free[r] + 1), 0, source), x)
-              for source, force in form.active.items() for r, x in enumerate(force)]),
-        Step('Generalized inertia forces', "F* of Kane's sums over the bodies.",
-             [Equation(Name('F*', str(form.free[r] + 1)), x)
-              for r, x in enumerate(form.inertia_force)])]
-    if form.energy:
-        result.append(Step('Generalized forces by variations of vectors',
-                           'An independent derivation, with the same result.',
-                           [Equation(Name('F', str(form.free[r] + 1), 0, source), x)
-                            for source, force in form.energy.items()
-                            for r, x in enumerate(force)]))
-    result.append(Step("Kane's equations", "F + F* = 0 as M u' = f.", _matrix_form(form)))
-    if form.auxiliary:
-        result.append(Step(
-            'Constraint forces', 'Each by the equation of its auxiliary speed, which is '
-            'zero in the motion.',
-            [Equation(Name('F', '', 0, force), x) for force, x in form.auxiliary.items()]))
-    letters = [Equation(_plain_name(symbol), x) for symbol, x in form.letters.items()
-               if symbol not in form.u and symbol in form.symbols_of_equations]
-    if letters:
-        result.append(Step('Letters', 'In the order of their evaluation.', letters))
+             _forces(places, form.active)),
+        Step('Generalized inertia forces', "F* of Kane's sums over the bodies.", inertia),
+        Step('Generalized forces by variations of vectors',
+             'An independent derivation, with the same result.',
+             _forces(places, form.energy)),
+        Step("Kane's equations", "F + F* = 0 as M u' = f.",
+             [*matrix, *((f'f{r}', x) for r, x in enumerate(form.right_side, 1)),
+              *((f'bias{r}', x) for r, x in enumerate(form.bias, 1))]),
+        Step('Constraint forces', 'Each by the equation of its auxiliary speed, which is '
+             'zero in the motion.',
+             [(f'F of {name}', x) for name, x in form.auxiliary.items()]),
+        Step('Letters', 'In the order of their evaluation.',
+             [(str(letter), x) for letter, x in form.letters.items()
+              if letter not in form.u and letter in needed])]
     return [step for step in result if step.equations]
+
+
+def _vectors(tables: dict[str, Any], rows: dict[str, slice]) -> list[Equation]:
+    """Return the angular and linear vectors of bodies and points."""
+    return [(f'{letter} of {body}', table[part, :])
+            for body, table in tables.items() for letter, part in rows.items()]
+
+
+def _forces(places: list[int], by_source: dict[str, Any]) -> list[Equation]:
+    """Return generalized forces by source; `places` are those of the speeds."""
+    return [(f'F{r} of {source}', x)
+            for source, force in by_source.items() for r, x in zip(places, force)]
 
 
 def as_text(form: Derivation, compiled: Counts | None = None) -> str:
     """Return a derivation and its operation counts as plain text."""
     lines = [f'{form.robot.model.name}: M(q) udot + bias(q, u) = tau', '']
-    for symbol, value, meaning in legend(form):
-        lines.append(f'{symbol:6}{value:12}{meaning}')
-    for condition in form.conditions:
-        lines.append(f'valid where {_plain(condition)} > 0')
+    lines += [f'{symbol:6}{value:12}{meaning}' for symbol, value, meaning in legend(form)]
+    lines += [f'valid where {_plain(condition)} > 0' for condition in form.conditions]
     for number, step in enumerate(steps(form), 1):
         lines += ['', f'{number}. {step.title}: {step.sentence}']
-        for equation in step.equations:
-            lines.append(f'{equation.name.text()} = {_value(equation.value)}')
-    # What one evaluation costs: as derived, shortened and shared, and compiled.
+        lines += [f'{name} = {_plain(value)}' for name, value in step.equations]
     lines += ['', f'operations: {", ".join(OperationCount.__dataclass_fields__)}']
     for name, count in operation_counts(form, compiled).items():
-        lines.append(f'{name}: {_counts(count)}')
+        lines.append(f'{name}: {", ".join(map(str, asdict(count).values()))}')
     return '\n'.join(lines) + '\n'
 
 
 def as_latex(form: Derivation) -> str:
     """Return the steps as LaTeX for a document with the package amsmath."""
-    # The legend as comments, then a paragraph for each step.
-    lines = [r'% ' + '  '.join(row).rstrip() for row in legend(form)]
-    for condition in form.conditions:
-        lines.append(rf'Valid where \( {_latex(condition)} > 0 \).')
+    lines = [f'% {"  ".join(row)}'.rstrip() for row in legend(form)]
+    lines.append(r'\allowdisplaybreaks')
+    lines += [rf'Valid where \( {_latex(condition)} > 0 \).'
+              for condition in form.conditions]
     for step in steps(form):
-        lines += [rf'\paragraph{{{_escaped(step.title)}.}} {_escaped(step.sentence)}']
+        lines.append(rf'\paragraph{{{step.title}.}} {_escaped(step.sentence)}')
         for equation in step.equations:
-            lines.append(rf'\[ {_display(equation)} \]')
+            lines.append(rf'\begin{{align*}} {_display(equation)} \end{{align*}}')
     return '\n'.join(lines) + '\n'
 
 
@@ -161,50 +137,54 @@ def as_markdown(form: Derivation) -> str:
             lines += _table(form)
             continue
         for equation in step.equations:
-            lines += ['$$', _display(equation), '$$']
+            lines += ['$$', rf'\begin{{aligned}} {_display(equation)} \end{{aligned}}', '$$']
     return '\n'.join(lines) + '\n'
 
 
-def as_csv(form: Derivation) -> str:
-    """Return the table of partial velocities: a row for each speed of each body."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator='\n')
-    header = ['speed', 'body']
-    for symbol in VECTORS:
-        header += [f'{symbol}_{axis}' for axis in 'xyz']
-    writer.writerow(header)
-    for body, table in form.partials.items():
-        for column, r in enumerate(form.free):
-            writer.writerow([str(form.u[r]), body, *map(_plain, table[:, column])])
-    return stream.getvalue()
+def _table(form: Derivation) -> list[str]:
+    """Return the table of partial velocities: a row per speed, two columns per body."""
+    header = [f'{letter} of {body}' for body in form.partials for letter in VECTORS]
+    rows = [['r', *header], ['---'] * (len(header) + 1)]
+    for column, r in enumerate(form.speeds_of_tables):
+        cells = [f'${_latex(table[part, column].T)}$'
+                 for table in form.partials.values() for part in VECTORS.values()]
+        rows.append([str(r + 1), *cells])
+    return [f'| {" | ".join(row)} |' for row in rows]
 
 
-def as_data(form: Derivation, compiled: Counts | None = None) -> dict[str, Any]:
+def as_data(form: Derivation, compiled: Counts | None = None) -> Any:
     """Return everything as plain data; expressions are texts for SymPy."""
-    parameters = {}
-    for parameter in form.parameters:
-        parameters[str(parameter.symbol)] = {
-            'value': parameter.value,
-            'unit': parameter.unit,
-            'meaning': parameter.meaning}
-    data: dict[str, Any] = {
+    return _data({
         'joint_names': form.robot.joint_names,
-        'q': list(map(str, form.q)),
-        'u': [str(form.u[r]) for r in form.free],
-        'parameters': parameters,
-        'letters': {str(symbol): _plain(x) for symbol, x in form.letters.items()},
-        'conditions': list(map(_plain, form.conditions)),
-        'qdot': list(map(_plain, form.qdot)),
-        'mass_matrix': _rows(form.M),
-        'bias_force': list(map(_plain, form.bias)),
-        'constraint_forces': {name: _plain(x) for name, x in form.auxiliary.items()},
+        'q': form.q,
+        'u': [form.u[r] for r in form.free],
+        'parameters': {str(parameter.symbol): {'value': parameter.value,
+                                               'unit': parameter.unit,
+                                               'meaning': parameter.meaning}
+                       for parameter in form.parameters},
+        'letters': form.letters,
+        'conditions': form.conditions,
+        'qdot': list(form.qdot),
+        'velocities': form.velocities,
+        'partial_velocities': form.partials,
+        'accelerations': form.accelerations,
+        'active_forces': form.active,
+        'mass_matrix': form.M,
+        'bias_force': list(form.bias),
+        'constraint_forces': form.auxiliary,
         'operations': {name: asdict(count) for name, count
-                       in operation_counts(form, compiled).items()}}
-    for name in ('velocities', 'partial_velocities', 'accelerations', 'active_forces'):
-        attribute = {'partial_velocities': 'partials', 'active_forces': 'active'}
-        matrices = getattr(form, attribute.get(name, name))
-        data[name] = {label: _rows(matrix) for label, matrix in matrices.items()}
-    return data
+                       in operation_counts(form, compiled).items()}})
+
+
+def _data(value: Any) -> Any:
+    """Return plain data: dictionaries, lists, numbers, and texts of expressions."""
+    if isinstance(value, dict):
+        return {str(key): _data(entry) for key, entry in value.items()}
+    if isinstance(value, sp.MatrixBase):
+        return _data(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_data(entry) for entry in value]
+    return _plain(value) if isinstance(value, sp.Basic) else value
 
 
 def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
@@ -220,13 +200,13 @@ def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
     return counts
 
 
-def legend(form: Derivation) -> list[Row]:
+def legend(form: Derivation) -> list[tuple[str, str, str]]:
     """Return symbol, value and meaning of coordinates, speeds and parameters."""
     robot = form.robot
     table = []
-    for k, name in enumerate(robot.model.coordinate_names):
+    for symbol, name in zip(form.q, robot.model.coordinate_names):
         unit = 'm' if name in robot.model.sliding else 'rad'
-        table.append((f'q{k + 1}', '', f'{name} [{unit}]'))
+        table.append((str(symbol), '', f'{name} [{unit}]'))
     for r, name in enumerate(robot.mechanism.speeds.names):
         kind = 'dependent speed' if r in form.dependent else 'speed'
         table.append((f'u{r + 1}', '', f'{kind} {name}'))
@@ -239,95 +219,86 @@ def legend(form: Derivation) -> list[Row]:
     return table
 
 
-def _speeds(form: Derivation) -> list[Equation]:
-    """Return the speeds in terms of the joint rates."""
-    rates = sp.Matrix([sp.Symbol(f'qdot{r + 1}') for r in range(form.Y.shape[1])])
-    speeds = form.Y * rates + form.Z
-    return [Equation(_plain_name(symbol), x) for symbol, x in zip(form.u, speeds)]
-
-
-def _rate(form: Derivation, k: int) -> Any:
-    """Return the rate of a dependent speed, A u_I' + drift."""
-    total = form.drift[k]
-    for column, r in enumerate(form.free):
-        total += form.A[k, column] * form.udot[r]
-    return total
-
-
-def _plain_name(symbol: Any, dots: int = 0) -> Name:
-    """Return the name of a symbol with an index at its end."""
-    letter, index = re.fullmatch(r'(\D+)(\d*)', str(symbol)).groups()  # type: ignore
-    return Name(letter, index, dots)
-
-
-def _vectors(matrices: dict[str, Any], rows: dict[str, slice]) -> list[Equation]:
-    """Return the vectors of bodies and points."""
-    equations = []
-    for body, vectors in matrices.items():
-        for letter, part in rows.items():
-            equations.append(Equation(Name(letter, '', 0, body), vectors[part, :]))
-    return equations
-
-
-def _partials(form: Derivation) -> list[Equation]:
-    """Return the partial velocities of bodies and points, speed by speed."""
-    equations = []
-    for body, table in form.partials.items():
-        for column, r in enumerate(form.speeds_of_tables):
-            for letter, rows in VECTORS.items():
-                name = Name(letter, str(r + 1), 0, body)
-                equations.append(Equation(name, table[rows, column]))
-    return equations
-
-
-def _matrix_form(form: Derivation) -> list[Equation]:
-    """Return the upper triangle of M, then f and the bias."""
-    equations = []
-    for r in range(len(form.free)):
-        for s in range(r, len(form.free)):
-            equations.append(Equation(Name('M', f'{r + 1}{s + 1}'), form.M[r, s]))
-    for letter, column in (('f', form.right_side), ('bias', form.bias)):
-        equations += [Equation(Name(letter, str(r + 1)), x) for r, x in enumerate(column)]
-    return equations
-
-
-def _table(form: Derivation) -> list[str]:
-    """Return the table of partial velocities: a row per speed, two columns per body."""
-    header = ['r']
-    for body in form.partials:
-        header += [f'{symbol} of {body}' for symbol in VECTORS]
-    rows = [header, ['---'] * len(header)]
-    for column, r in enumerate(form.speeds_of_tables):
-        row = [str(r + 1)]
-        for table in form.partials.values():
-            row += [f'${_latex(table[part, column].T)}$' for part in VECTORS.values()]
-        rows.append(row)
-    return [f'| {" | ".join(row)} |' for row in rows]
-
-
 def _display(equation: Equation) -> str:
-    """Return an equation as LaTeX, with long sums on several lines."""
+    """Return the lines of an equation for the environment `align`."""
     name, value = equation
-    left = name.latex()
-    right = _latex(value)
-    if getattr(value, 'is_Matrix', False) or not value.is_Add or len(right) < WIDTH:
-        return f'{left} = {right}'
-    lines = ['']
-    for term in value.as_ordered_terms():
-        text = _latex(term)
-        if not text.startswith('-'):
-            text = f'+ {text}'
-        if lines[-1] and len(lines[-1]) + len(text) > WIDTH:
-            lines.append('')
-        lines[-1] += f' {text}'
-    lines[0] = lines[0].removeprefix(' + ')
-    body = r' \\ &\quad '.join(lines)
-    return rf'\begin{{aligned}} {left} &= {body} \end{{aligned}}'
+    left = _latex_name(name)
+    if not isinstance(value, sp.MatrixBase):
+        return _on_lines(left, value)
+    if _width(left) + max(_width(_latex(x)) for x in value) <= WIDTH:
+        return f'& {left} = {_latex(value)}'
+    # A vector with a long entry: an equation for each component.
+    return r' \\ '.join(_on_lines(rf'\bigl({left}\bigr)_{axis}', x)
+                        for axis, x in zip('xyz', value))
 
 
-def _latex(value: Any) -> str:
-    return str(sp.latex(_rounded(value), full_prec=False, mat_str='matrix',
-                        mat_delim='('))
+def _latex_name(name: str) -> str:
+    """Return a name such as u1', omega2 of link or F*3 as LaTeX."""
+    letter, mark, index, dot, owner = re.fullmatch(  # type: ignore[union-attr]
+        r"(omega|alpha|bias|\w)(\*?)(\w*)('?)(?: of (.*))?", name).groups('')
+    above = rf'{mark}\text{{{_escaped(owner)}}}' if owner else mark
+    symbol = _latex(sp.Symbol(letter + 'dot' * len(dot)))
+    return symbol + f'_{{{index}}}' * bool(index) + f'^{{{above}}}' * bool(above)
+
+
+def _on_lines(left: str, value: Any) -> str:
+    """Return an equation in LaTeX, on several lines where it is long."""
+    text = _latex(value)
+    if _width(left) + _width(text) <= WIDTH:
+        return f'& {left} = {text}'
+    # Words outside of braces; a line ends before a sign, or else between two factors.
+    words = [f'{left} =']
+    depth = 0
+    for word in _flat(_rounded(value)).split():
+        if depth:
+            words[-1] += f' {word}'
+        else:
+            words.append(word)
+        depth += word.count('{') - word.count('}')
+    lines = []
+    line: list[str] = []
+    for word in words:
+        line.append(word)
+        signs = [k for k, x in enumerate(line) if k and x in ('+', '-')]
+        if len(line) > 1 and _width(' '.join(line)) > WIDTH:
+            end = signs[-1] if signs else len(line) - 1
+            lines.append(' '.join(line[:end]))
+            line = line[end:] if signs else [r'\times', word]
+    return '& ' + r' \\ &\quad '.join([*lines, ' '.join(line)])
+
+
+def _flat(value: Any) -> str:
+    """Return LaTeX without fractions and roots of sums, and with brackets of one size."""
+    powers = {power: sp.Dummy() for power in value.atoms(sp.Pow) if power.free_symbols
+              and not (power.exp.is_Integer and power.exp > 0)}
+    fractions = {x: sp.Dummy() for x in map(abs, value.atoms(sp.Rational)) if x.q > 1}
+    signed = fractions | {-x: -symbol for x, symbol in fractions.items()}
+    outer = value.xreplace(powers | signed)
+    names = {symbol: rf'\tfrac{{{x.p}}}{{{x.q}}}' for x, symbol in fractions.items()}
+    # Powers inside of other powers are written with them.
+    names |= {symbol: f'({_flat(power.base)})^{{{_latex(power.exp)}}}'
+              for power, symbol in powers.items() if symbol in outer.free_symbols}
+    text = _latex(outer, symbol_names=names)
+    return re.sub(r'\\(left|right)', '', text)
+
+
+def _width(text: str) -> int:
+    """Return about how many glyphs wide LaTeX is; a sign has space around it."""
+    signs = len(re.findall(r' [+-] ', text))
+    return signs + len(re.sub(r'\\(left|right|dot|frac|text)|[{}^_\\\s]', '', text))
+
+
+def _latex(value: Any, **settings: Any) -> str:
+    # Letters of parameters have the number and the axes as their index.
+    names = {}
+    for symbol in value.free_symbols:
+        letter = symbol.name.rstrip('xyz').rstrip('0123456789')
+        index = symbol.name.removeprefix(letter)
+        if letter and index and not letter.endswith('dot'):
+            names[symbol] = f'{letter}_{{{index}}}'
+    settings['symbol_names'] = names | settings.get('symbol_names', {})
+    return str(sp.latex(_rounded(value), full_prec=False, mat_str='matrix', mat_delim='(',
+                        **settings))
 
 
 def _escaped(text: str) -> str:
@@ -335,43 +306,25 @@ def _escaped(text: str) -> str:
     return re.sub(r'([_&%#$])', r'\\\1', text)
 
 
-def _rows(matrix: Any) -> list[list[str]]:
-    """Return the entries of a matrix as texts, by rows."""
-    return [list(map(_plain, row)) for row in matrix.tolist()]
-
-
-def _value(value: Any) -> str:
+def _plain(value: Any) -> str:
     """Return an expression as text, or a vector: 0, or its three components."""
-    if not getattr(value, 'is_Matrix', False):
-        return _plain(value)
+    if not isinstance(value, sp.MatrixBase):
+        return str(sp.sstr(_rounded(value), full_prec=False))
     if value.is_zero_matrix:
         return '0'
-    components = ', '.join(map(_plain, value))
-    return f'({components})'
-
-
-def _counts(count: OperationCount) -> str:
-    return ', '.join(map(str, asdict(count).values()))
-
-
-def _plain(expression: Any) -> str:
-    return str(sp.sstr(_rounded(expression), full_prec=False))
+    return f'({", ".join(map(_plain, value))})'
 
 
 def _rounded(expression: Any) -> Any:
     """Return an expression with its long fractions and roots rounded, no exponents."""
-    if getattr(expression, 'is_Matrix', False):
+    if isinstance(expression, sp.MatrixBase):
         return expression.applyfunc(_rounded)
-    if not expression.args:
-        is_fraction = expression.is_Rational and expression.q > 1000
-        return _decimal(expression) if is_fraction else expression
-    if expression.is_Pow and not expression.free_symbols:
-        return expression if expression.base.is_Integer else _decimal(expression)
-    if expression.is_Pow:
+    long_fraction = expression.is_Rational and expression.q > 1000
+    root = expression.is_Pow and not expression.free_symbols
+    if long_fraction or (root and not expression.base.is_Integer):
+        return sp.Float(f'{float(expression):.{DIGITS}g}')
+    if expression.is_Pow and not root:
         return expression.func(_rounded(expression.base), expression.exp)
+    if not expression.args or root:
+        return expression
     return expression.func(*map(_rounded, expression.args))
-
-
-def _decimal(number: Any) -> Any:
-    """Return a number with few digits."""
-    return sp.Float(f'{float(number):.{DIGITS}g}')

@@ -6,13 +6,14 @@ for mechanisms with oblique axes. Here each node of the expression is converted 
 polynomial of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 from sympy.polys.rings import ring
+from sympy.simplify.fu import TR8
 
 MOST_TERMS = 5000  # of a polynomial; more are too many to read
 MOST_FACTORED = 40  # terms; common factors of more take long to find
@@ -216,8 +217,7 @@ def as_polynomial(expression: Any) -> Any:
     return Polynomials([expression]).of(expression).as_expr()
 
 
-def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
-              progress: Callable[[float], object] = lambda done: None) -> list[Any]:
+def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = ()) -> list[Any]:
     """
     Return simplified expressions, with sin^2 + cos^2 = 1 and sums of angles applied.
 
@@ -229,8 +229,6 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     q, u : symbols
         Coordinates and speeds; the coefficient of each product of speeds is simplified
         by itself, and left expanded if it has more than `MOST_FACTORED` terms.
-    progress : callable
-        Called with the finished fraction of the expressions.
 
     Raises
     ------
@@ -244,12 +242,11 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh | sp.Abs | sp.exp)]
     speeds = [*u, *frictions]
     results: dict[Any, Any] = {}
-    for done, expression in enumerate(expressions, 1):
+    for expression in expressions:
         if expression not in results:
             parts = polynomials.by(polynomials.of(expression), speeds)
             terms = [product * angles.short(part) for product, part in parts.items()]
             results[expression] = sp.Add(*terms)
-        progress(done / len(expressions))
     return [results[expression] for expression in expressions]
 
 
@@ -271,16 +268,13 @@ class Angles:
         for cosine, sine in self.places.values():
             with_sines = self._with_sines(polynomial, cosine, sine)
             polynomial = min(polynomial, with_sines, key=_operations)
-        products = polynomial.as_expr()
+        forms = [polynomial.as_expr()]
         if len(polynomial) > MOST_FACTORED:
-            return products
-        if any(self._trigonometric(powers) > 1 for powers in polynomial):
-            products = min(products, self._of_sums(polynomial), key=sp.count_ops)
-        return sp.factor_terms(products)
-
-    def _trigonometric(self, powers: Sequence[int]) -> int:
-        """Return the number of sines and cosines in a term."""
-        return sum(powers[k] for pair in self.places.values() for k in pair)
+            return forms[0]
+        trigonometric = [k for pair in self.places.values() for k in pair]
+        if any(sum(powers[k] for k in trigonometric) > 1 for powers in polynomial):
+            forms.append(self._of_sums(polynomial))
+        return min(map(sp.factor_terms, forms), key=sp.count_ops)
 
     def _with_sines(self, polynomial: Any, cosine: int, sine: int) -> Any:
         """Return a polynomial with cos^2 replaced by 1 - sin^2."""
@@ -295,42 +289,9 @@ class Angles:
 
     def _of_sums(self, polynomial: Any) -> Any:
         """Return a polynomial with products of sines and cosines as those of sums."""
-        total: dict[tuple[int, ...], list[Any]] = {}
-        for powers, coefficient in polynomial.items():
-            remaining = list(powers)
-            # The product of the functions is a sum of c exp(i k . q).
-            harmonics: dict[tuple[int, ...], Any] = {(0,) * len(self.places): sp.QQ(1)}
-            quarter_turns = 0  # factors 1 / i
-            for place, pair in enumerate(self.places.values()):
-                for k, sign in zip(pair, (1, -1)):
-                    for _ in range(powers[k]):
-                        harmonics = _multiplied(harmonics, place, sign)
-                    remaining[k] = 0
-                quarter_turns += powers[pair[1]]
-            factor = self.ring.from_dict({tuple(remaining): coefficient})
-            # i^-k is real for even k, where the sum is one of cosines, else of sines.
-            factor *= (1, 1, -1, -1)[quarter_turns % 4]
-            for harmonic, weight in harmonics.items():
-                parts = total.setdefault(harmonic, [self.ring.zero, self.ring.zero])
-                parts[quarter_turns % 2] += factor * weight
-        terms = []
-        for harmonic, (even, odd) in total.items():
-            angle = sum(k * x for k, x in zip(harmonic, self.places))
-            terms.append(even.as_expr() * sp.cos(angle) + odd.as_expr() * sp.sin(angle))
-        return sp.Add(*terms)
-
-
-def _multiplied(harmonics: dict[tuple[int, ...], Any], place: int,
-                sign: int) -> dict[tuple[int, ...], Any]:
-    """Return harmonics times (exp(i x) + sign exp(-i x)) / 2 of the x at a place."""
-    result: dict[tuple[int, ...], Any] = {}
-    for harmonic, weight in harmonics.items():
-        for step, factor in ((1, 1), (-1, sign)):
-            moved = list(harmonic)
-            moved[place] += step
-            key = tuple(moved)
-            result[key] = result.get(key, sp.QQ(0)) + weight * sp.QQ(factor, 2)
-    return {key: weight for key, weight in result.items() if weight}
+        expanded = sp.expand_mul(TR8(polynomial.as_expr()))
+        functions = expanded.atoms(sp.sin, sp.cos)
+        return sp.collect(expanded, sorted(functions, key=sp.default_sort_key))
 
 
 def _operations(polynomial: Any) -> int:

@@ -1,6 +1,6 @@
 """Mechanics with SymPy symbols: a scalar type, and models with symbolic constants."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
@@ -14,7 +14,7 @@ from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import has_dry_friction
-from kane_dynamics.model.drive import Drive, StiffnessCurve
+from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
@@ -263,25 +263,34 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
     result.model = view
     if mechanism.speeds.key == 'momenta':
         result.speeds = replace(mechanism.speeds, Y=lambda q, t: kane.mass_matrix(view, q))
-    constraints = []
-    for number, constraint in enumerate(mechanism.constraints, 1):
-        constraints.append(_constraint(table, number, constraint))
-    result.constraints = tuple(constraints)
+    result.constraints = tuple(_constraint(table, number, constraint) for number, constraint
+                               in enumerate(mechanism.constraints, 1))
     result._rolling = result._wheels_with_surface_rows()
     return result
 
 
+def _with_symbols(table: ParameterSymbols, record: Any, number: int,
+                  letters: Mapping[str, tuple[str, str, str]], owner: str) -> Any:
+    """
+    Return a record with symbols for its numbers.
+
+    `letters` are the symbol's letter, the unit and the meaning of each field.
+    """
+    fields = {}
+    for name, (letter, unit, meaning) in letters.items():
+        value = getattr(record, name, None)
+        if isinstance(value, numbers.Real):
+            fields[name] = table.scalar(f'{letter}{number}', float(value), unit,
+                                        f'{meaning} {owner}')
+    return _unchecked_copy(record, **fields)
+
+
 def _constraint(table: ParameterSymbols, number: int, constraint: Any) -> Any:
     """Return a constraint whose lengths and velocities are symbols."""
-    properties = {}
-    letters = {'radius': ('R', 'm'), 'surface_radius': ('Rs', 'm'), 'height': ('h', 'm'),
-               'length': ('L', 'm'), 'value': ('v', 'm/s or rad/s')}
-    for name, (letter, unit) in letters.items():
-        value = getattr(constraint, name, None)
-        if isinstance(value, float):
-            meaning = f'{name} of {constraint.name}'.replace('_', ' ')
-            properties[name] = table.scalar(f'{letter}{number}', value, unit, meaning)
-    return _unchecked_copy(constraint, **properties)
+    letters = {'radius': ('R', 'm', 'radius'), 'height': ('h', 'm', 'height'),
+               'surface_radius': ('Rs', 'm', 'surface radius'),
+               'length': ('L', 'm', 'length'), 'value': ('v', 'm/s or rad/s', 'value')}
+    return _with_symbols(table, constraint, number, letters, f'of {constraint.name}')
 
 
 def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
@@ -297,17 +306,12 @@ def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
 
 
 def _joint(table: ParameterSymbols, model: Model, number: int, joint: Joint) -> Any:
-    """Return a joint whose properties are symbols."""
+    """Return a joint, with its drive, whose properties are symbols."""
     units = {'revolute': ('rad', 'N m', 'kg m^2'), 'prismatic': ('m', 'N', 'kg')}
     length, force, inertia = units[joint.kind]
-    rest_meaning = "spring's rest at"
-    if joint.rest < 0.0:
-        rest_meaning = f'minus the {rest_meaning}'
-
-    # The symbol's letter, the unit and the meaning of each property.
     letters = {
         'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
-        'rest': ('s', length, rest_meaning),
+        'rest': ('s', length, f"{'minus the ' * (joint.rest < 0.0)}spring's rest at"),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
         'fast_damping': ('df', f'{force} s/{length}', 'damping at high rates at'),
         'damping_speed': ('wd', f'{length}/s', 'damping speed at'),
@@ -319,43 +323,21 @@ def _joint(table: ParameterSymbols, model: Model, number: int, joint: Joint) -> 
         'load_friction_backdriven': ('eb', '', 'load friction of a driven motor at'),
         'friction_offset': ('b', force, 'friction at rest at'),
         'armature': ('J', inertia, 'armature at')}
-    properties: dict[str, Any] = {}
-    for name, (letter, unit, meaning) in letters.items():
-        value = getattr(joint, name)
-        if value is None:  # as in the other direction
-            properties[name] = None
-            continue
-        properties[name] = table.scalar(f'{letter}{number}', value, unit,
-                                        f'{meaning} {joint.name}')
-    speed: Any = 1.0
     if has_dry_friction(joint):
-        speed = table.scalar(f'w{number}', joint.friction_speed, f'{length}/s',
-                             f'friction speed at {joint.name}')
+        letters['friction_speed'] = ('w', f'{length}/s', 'friction speed at')
+    result = _with_symbols(table, joint, number, letters, joint.name)
     place = table.vector(f'l{number}', joint.translation, 'm',
                          f'position of {joint.name}')
-    drive = joint.drive
-    if drive is not None:
-        drive = _drive(table, model, number, joint.name, drive)
-    return _unchecked_copy(joint, translation=place, friction_speed=speed, drive=drive,
-                           **properties)
-
-
-def _drive(table: ParameterSymbols, model: Model, number: int, joint: str,
-           drive: Drive) -> Any:
-    """Return the drive of an elastic joint, with symbols for stiffness and damping."""
-    name = f'of the drive at {joint}'
-    if isinstance(drive.stiffness, StiffnessCurve):
-        raise ModelError(f"derivation of '{model.name}': a stiffness curve {name}; "
-                         'expected a constant stiffness')
-    # Units of a joint that turns, or slides.
-    length, force = 'rad', 'N m'
-    if joint in model.sliding:
-        length, force = 'm', 'N'
-    stiffness = table.scalar(f'ke{number}', drive.stiffness, f'{force}/{length}',
-                             f'stiffness {name}')
-    damping = table.scalar(f'de{number}', drive.damping, f'{force} s/{length}',
-                           f'damping {name}')
-    return _unchecked_copy(drive, stiffness=stiffness, damping=damping)
+    freeze(result, 'translation', place)
+    if joint.drive is not None:
+        if isinstance(joint.drive.stiffness, StiffnessCurve):
+            raise ModelError(f"derivation of '{model.name}': a stiffness curve of the drive "
+                             f'at {joint.name}; expected a constant stiffness')
+        of_drive = {'stiffness': ('ke', f'{force}/{length}', 'stiffness of'),
+                    'damping': ('de', f'{force} s/{length}', 'damping of')}
+        freeze(result, 'drive', _with_symbols(table, joint.drive, number, of_drive,
+                                              f'the drive at {joint.name}'))
+    return result
 
 
 def _unchecked_copy(record: Any, **symbols: Any) -> Any:

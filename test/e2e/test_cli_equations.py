@@ -1,6 +1,5 @@
 """`kane-dynamics equations`: the worked problems come out as they are printed."""
 
-import csv
 import json
 from pathlib import Path
 import subprocess
@@ -114,10 +113,7 @@ def test_latex_goes_to_a_file(tmp_path):
     assert r'\cos{\left(q_{2} \right)}' in path.read_text()
 
 
-def test_the_table_of_partial_velocities_is_csv_and_markdown():
-    lines = list(
-        csv.DictReader(equations('two_link_planar', '--csv').stdout.splitlines()))
-    assert [line['v_y'] for line in lines] == ['r1', '0', 'l2*cos(q2) + r2', 'r2']
+def test_markdown_has_the_table_of_partial_velocities():
     rows = equations('two_link_planar', '--markdown').stdout.splitlines()
     header = '| r | omega of link1 | v of link1 | omega of link2 | v of link2 |'
     assert rows[rows.index(header) + 3].startswith('| 2 | ')

@@ -178,22 +178,25 @@ ROWS = (
 
 
 def table():
-    """Return the table and its notes, in Markdown."""
+    """Return the features of every kind, the table of the others and its notes."""
     notes = []
-    lines = [f'| | {" | ".join(COLUMNS)} |', f'|---{"|---" * len(COLUMNS)}|']
+    everywhere = []
+    lines = []
     for row in ROWS:
+        reasons = [row.reason(kind) for kind in COLUMNS]
+        if not any(reasons):
+            everywhere.append(row.name)
+            continue
         cells = []
-        for kind in COLUMNS:
-            reason = row.reason(kind)
-            if reason is None:
-                cells.append('yes')
-                continue
-            if reason not in notes:
+        for reason in reasons:
+            if reason is not None and reason not in notes:
                 notes.append(reason)
-            cells.append(f'no ({notes.index(reason) + 1})')
+            cells.append('yes' if reason is None else f'no ({notes.index(reason) + 1})')
         lines.append(f'| {row.name} | {" | ".join(cells)} |')
-    lines += ['', *(f'{k}. {note}' for k, note in enumerate(notes, 1))]
-    return '\n'.join(lines) + '\n'
+    head = [f'Every kind has: {"; ".join(everywhere)}.', '',
+            f'| | {" | ".join(COLUMNS)} |', f'|---{"|---" * len(COLUMNS)}|']
+    tail = ['', *(f'{k}. {note}' for k, note in enumerate(notes, 1))]
+    return '\n'.join([*head, *lines, *tail]) + '\n'
 
 
 def page(text):

@@ -1,5 +1,5 @@
 """
-The Whipple bicycle with the benchmark's parameters, against its published eigenvalues.
+The Whipple bicycle of the benchmark, against its published eigenvalues and SymPy.
 
 Meijaard, Papadopoulos, Ruina & Schwab, Linearized dynamics equations for the balance and
 steer of a bicycle: a benchmark and review, Proc. R. Soc. A 463 (2007), tables 1 and 2.
@@ -12,7 +12,9 @@ from kane_dynamics import linearized, Robot
 from kane_dynamics.closed_forms import linear_form
 import numpy as np
 import pytest
+from sympy_kane import Peer
 import sympy as sp
+import sympy.physics.mechanics as me
 
 WEAVE = (  # real and imaginary part at 0 to 10 m/s; at 0 two real ones
     (3.13164324790656, 5.53094371765393), (3.52696170990070, 0.80774027519930),
@@ -79,3 +81,49 @@ def test_upright_bicycle_stands_on_its_wheels_with_the_benchmarks_loads(rolling)
     assert forces['rolling of front/normal'] == pytest.approx(front, rel=1e-12)
     assert forces['rolling of rear/normal'] == pytest.approx(94 * 9.81 - front,
                                                              rel=1e-12)
+
+
+@pytest.mark.slow  # SymPy's derivation takes minutes
+def test_large_motions_are_those_of_kanes_method_of_sympy(rolling):
+    """
+    Compare accelerations and loads of the wheels at random states.
+
+    KanesMethod derives the equations of the nine coordinates, without the wheels.
+    Its own elimination of six speeds in symbols is too long: the rows of the wheels,
+    velocities of SymPy's points, join in numbers by Lagrange multipliers.
+    """
+    peer = Peer(rolling.model)
+    rows = []
+    for name, radius in (('rear', 0.3), ('front', 0.35)):
+        wheel, center = peer.body(name)
+        axis, up = wheel.y, peer.N.z
+        # The lowest point of the wheel's rim, which is on the ground.
+        down = -(up - up.dot(axis) * axis)
+        arm = radius / sp.sqrt(1 - up.dot(axis)**2) * down
+        velocity = center.vel(peer.N) + wheel.ang_vel_in(peer.N).cross(arm)
+        rows += [velocity.dot(direction) for direction in peer.N]
+    rates = dict(zip((q.diff() for q in peer.q), peer.u))
+    method = me.KanesMethod(peer.N, peer.q, peer.u,
+                            kd_eqs=[rate - speed for rate, speed in rates.items()])
+    method.kanes_equations(peer.bodies, peer.loads)
+    J = sp.Matrix(rows).jacobian(peer.u)
+    drift = (J.diff(me.dynamicsymbols._t) * sp.Matrix(peer.u)).subs(rates)
+    function = sp.lambdify([peer.q, peer.u],
+                           [method.mass_matrix, method.forcing, J, drift], cse=True)
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        q = rolling.closed_configuration(0.3 * rng.uniform(-1.0, 1.0, 9))
+        u = rng.uniform(-3.0, 3.0, 3)
+        M, f, J, drift = (np.array(x, dtype=float)
+                          for x in function(q, rolling.joint_rates(q, u)))
+        np.testing.assert_allclose(J @ rolling.joint_rates(q, u), 0.0, atol=1e-12)
+        whole = np.block([[M, -J.T], [J, np.zeros((6, 6))]])
+        solution = np.linalg.solve(whole, np.concatenate([f, -drift])[:, 0])
+        udot = rolling.forward_dynamics(q, u, np.zeros(3))
+        expected = solution[rolling.mechanism.free]
+        np.testing.assert_allclose(udot, expected, rtol=0.0,
+                                   atol=1e-9 * np.abs(expected).max())
+        forces = dict(zip(rolling.constraint_names,
+                          rolling.constraint_forces(q, u, np.zeros(3))))
+        normal = [forces[f'rolling of {wheel}/normal'] for wheel in ('rear', 'front')]
+        np.testing.assert_allclose(normal, solution[[11, 14]], rtol=1e-9)

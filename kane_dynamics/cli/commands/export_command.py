@@ -5,7 +5,6 @@ from pathlib import Path
 from runpy import run_path
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.printing import as_json, print_files, print_json
 from kane_dynamics.cli.robot_options import load_robot, split
@@ -34,10 +33,9 @@ def equations(options: Namespace) -> None:
     from kane_dynamics.closed_forms import derivation
     from kane_dynamics.closed_forms.derivation_code import as_code
     robot = _robot(options)
-    with progress_bar('deriving', 1.0) as progress:
-        form = derivation(robot, numbers=options.numbers, axes=options.axes,
-                          points=split(options.points) or (), energy=options.energy,
-                          auxiliary=split(options.auxiliary) or (), progress=progress)
+    form = derivation(robot, numbers=options.numbers, axes=options.axes,
+                      points=split(options.points) or (), energy=options.energy,
+                      auxiliary=split(options.auxiliary) or ())
     # All formats are made of one derivation; text and data also count the operations of
     # the compiled code.
     if options.json:

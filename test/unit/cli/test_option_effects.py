@@ -76,7 +76,7 @@ OWN = [
     (CALLS['export'], '--no-self-test'), (CALLS['export'], '--wrench-frames link2'),
     (CALLS['export'], '--payload-frame link2'), ('export arm.urdf', '--out c.c'),
     (CALLS['equations'], '--numbers'), (CALLS['equations'], '--latex'),
-    (CALLS['equations'], '--markdown'), (CALLS['equations'], '--csv'),
+    (CALLS['equations'], '--markdown'),
     (CALLS['equations'], '--out e.txt'), (CALLS['equations'], '--axes world'),
     (CALLS['equations'], '--points tip'), (CALLS['equations'], '--auxiliary joint1:x'),
     (CALLS['equations'], '--energy'), (CALLS['equations'], '--c'),
