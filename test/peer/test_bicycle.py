@@ -12,9 +12,9 @@ from kane_dynamics import linearized, Robot
 from kane_dynamics.closed_forms import linear_form
 import numpy as np
 import pytest
-from sympy_kane import Peer
 import sympy as sp
 import sympy.physics.mechanics as me
+from sympy_kane import Peer
 
 WEAVE = (  # real and imaginary part at 0 to 10 m/s; at 0 two real ones
     (3.13164324790656, 5.53094371765393), (3.52696170990070, 0.80774027519930),
