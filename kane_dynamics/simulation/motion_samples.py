@@ -59,7 +59,7 @@ def motion_at(robot: Robot, states: Array, tau: Array, times: Array,
     if rows is not None:
         of_rows: MotionSamples = rows.rows(robot).at_samples(states, tau, times)
         return of_rows
-    q, v, _ = parts_of(robot, states)
+    q, v, _ = state_parts(robot, states)
     K, n_j = v.shape
     tau = np.ascontiguousarray(tau, dtype=np.float64)
     time = robot.equations.time_inputs(times)
@@ -101,7 +101,7 @@ def motion_kernel(robot: Robot) -> Kernel:
                           shape=(2, *n_j))
 
 
-def parts_of(robot: Robot, states: Array) -> tuple[Array, Array, Array]:
+def state_parts(robot: Robot, states: Array) -> tuple[Array, Array, Array]:
     """Return q, v and the times, (...,), of states, (..., size); times are 0 without any."""
     layout = state_layout(robot)
     q, v, time = (states[..., part] for part in (layout.q, layout.v, layout.time))
@@ -118,7 +118,7 @@ def admissible(robot: Robot, states: Array) -> Array:
     if not robot.equations.watched:
         return states
     result = states.copy()
-    q, v, times = parts_of(robot, states)
+    q, v, times = state_parts(robot, states)
     result[:, state_layout(robot).v] = _rates_kernel(robot)(
         q, v, *robot.equations.time_inputs(times))
     return result
@@ -137,7 +137,7 @@ def _rates_kernel(robot: Robot) -> Kernel:
 
 def speeds_in(robot: Robot, states: Array) -> Array:
     """Return the robot's speeds in states, (..., size), as (..., n)."""
-    q, v, times = parts_of(robot, states)
+    q, v, times = state_parts(robot, states)
     if robot.equations.in_joint_rates:
         return v
     if robot.mechanism.speeds.key == JOINT_RATES:  # a part of the joint rates

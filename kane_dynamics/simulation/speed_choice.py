@@ -33,7 +33,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error
-from kane_dynamics.simulation.motion_samples import dual_forces, parts_of, speeds_in
+from kane_dynamics.simulation.motion_samples import dual_forces, state_parts, speeds_in
 from kane_dynamics.simulation.observers import diverged_error, Exchange, Extremes
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
 from kane_dynamics.simulation.stepping import Samples, Steps
@@ -202,7 +202,7 @@ class ConstrainedSteps(Steps):
         phase = self._phases[i]
         mechanism = phase.robot.mechanism
         t = self._time(done)
-        (q, v, _), u = parts_of(self.robot, state), speeds_in(self.robot, state)
+        (q, v, _), u = state_parts(self.robot, state), speeds_in(self.robot, state)
         where = self._where(i, done)
         if not (np.abs(q) <= size_limit('q')).all():
             raise self._diverged(i, done)
@@ -283,7 +283,7 @@ class ConstrainedSteps(Steps):
     def _watched(self, i: int, state: Array, beyond: Array, done: int) -> list[_Watched]:
         """Return the places where the next step computes its margin, by its rejected end."""
         mechanism = self._phases[i].robot.mechanism
-        q, v, _ = parts_of(self.robot, state)
+        q, v, _ = state_parts(self.robot, state)
         travel = self.step * coordinate_rates(self.robot.model, q, v)
         end = beyond[:len(q)]
         # The dynamics of a singular state may have put the end anywhere.
@@ -312,7 +312,7 @@ class ConstrainedSteps(Steps):
         robots = self._choices()
         if len(robots) == 1 or not len(states):
             return super().best_choices(states, times)
-        q, _, _ = parts_of(self.robot, states)
+        q, _, _ = state_parts(self.robot, states)
         rows = stacked_rows(self.robot)(q, *self.robot.equations.time_inputs(times))
         conditions = []
         for robot in robots:
@@ -348,7 +348,7 @@ class ConstrainedSteps(Steps):
             for robot, k in self.best_choices(states, times):
                 source = replace(self.source, robot=robot)
                 forces = source.torques(samples.steps[k], states[None, k])[0]
-                q, _, _ = parts_of(robot, states[k])
+                q, _, _ = state_parts(robot, states[k])
                 tau[i, k] = dual_forces(robot, self.robot, q, forces, times[k])
         return tau
 
@@ -363,7 +363,7 @@ class ConstrainedSteps(Steps):
         if len(rows) < 2 or limit <= ROOM * self._usual:
             return
         times = self._time(done + np.arange(len(rows)))
-        q, _, _ = parts_of(self.robot, rows)
+        q, _, _ = state_parts(self.robot, rows)
         of_all = stacked_rows(self.robot)(q, *self.robot.equations.time_inputs(times))
         # From row to row S changes little, unless a singularity lies between them.
         S = of_all[:, system_places(robot.mechanism)]

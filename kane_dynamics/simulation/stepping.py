@@ -21,7 +21,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
 from kane_dynamics.simulation.motion_samples import (actuator_torques, admissible,
                                                      generalized_forces, motion_at,
-                                                     parts_of, speeds_in,
+                                                     state_parts, speeds_in,
                                                      speeds_of_motion)
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.stepper import RowSteps
@@ -141,7 +141,7 @@ def sampled_quantities(user_robot: Robot, robot: Robot, states: Array, tau: Arra
 
     """
     states = admissible(robot, states)
-    q, v, _ = parts_of(robot, states)
+    q, v, _ = state_parts(robot, states)
     # Kinetic and potential energy, by the kernel of the simulation's energy balance.
     terms = np.empty((len(states), TERMS))
     exact = rows is not None and rows.sticking
