@@ -33,7 +33,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error
-from kane_dynamics.simulation.motion_samples import dual_forces, state_parts, speeds_in
+from kane_dynamics.simulation.motion_samples import dual_forces, speeds_in, state_parts
 from kane_dynamics.simulation.observers import diverged_error, Exchange, Extremes
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
 from kane_dynamics.simulation.stepping import Samples, Steps

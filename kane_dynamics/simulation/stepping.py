@@ -21,8 +21,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
 from kane_dynamics.simulation.motion_samples import (actuator_torques, admissible,
                                                      generalized_forces, motion_at,
-                                                     state_parts, speeds_in,
-                                                     speeds_of_motion)
+                                                     speeds_in, speeds_of_motion,
+                                                     state_parts)
 from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
