@@ -130,7 +130,7 @@ class PoseLeader:
             self._await(lambda: publisher.get_subscription_count() > 0, WAIT,
                         f"--move: no node takes trajectories on '{self._controller}'; "
                         'expected a controller, as joint_trajectory_controller or '
-                        'dynamics_node')
+                        'kane_dynamics')
         held: list[HeldPoses] = []
         number = 0
         at = np.array(self._rows[-1][1:len(self._names) + 1])
