@@ -71,10 +71,10 @@ def test_an_arm_led_by_hand_gives_its_scales_and_its_gravity(
     plant.wait_for('joint states/s')
     hand = Hand(client, capsys)
     monkeypatch.setattr(sys, 'stdin', hand)
-    live = ['calibrate', str(urdf), '--live', '5']
+    live = ['calibrate', str(urdf), '--live', '5', '--floor', 'none']
     loaded = str(tmp_path / 'loaded.csv')
     assert main([*live, '--save', loaded]) == 0
-    assert client.adjust('/plant', payload__mass=0.0)
+    assert client.adjust('/plant_node', payload__mass=0.0).successful
     assert main([*live, '--json', '--loaded', loaded, '--load', 'l3', '--load-mass',
                  str(LOAD), '--load-com', *map(str, COM), '--out',
                  str(tmp_path / 'arm.yaml')]) == 0
@@ -103,5 +103,7 @@ def test_an_arm_without_joint_states_is_refused(tmp_path, monkeypatch, capsys):
     urdf.write_text(held_arm(2, np.random.default_rng(1)).urdf())
     assert main(['calibrate', str(urdf), '--live', '5']) == 2
     assert "joint states: none on 'joint_states' within 1 s" in capsys.readouterr().err
+    assert main(['calibrate', str(urdf), '--live', '5', '--floor', '9']) == 2
+    assert 'poses: 0 of 300 proposed ones without contact' in capsys.readouterr().err
     assert main(['calibrate', str(urdf), '--live', '3']) == 2
     assert '--live: 3 poses; expected at least 4' in capsys.readouterr().err

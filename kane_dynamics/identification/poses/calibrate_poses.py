@@ -464,6 +464,11 @@ def proposed_poses(model: Model, count: int, margin: float = 0.0,
     free : callable, optional
         Whether configurations, (k, n), are without contact, (k,).
 
+    Raises
+    ------
+    InputError
+        Too few configurations are free.
+
     """
     robot = Robot(model)
     lower, upper = robot.limits.lower + margin, robot.limits.upper - margin
@@ -471,6 +476,9 @@ def proposed_poses(model: Model, count: int, margin: float = 0.0,
     q = np.clip(q, lower, np.maximum(lower, upper))
     if free is not None:
         q = q[free(q)]
+    if len(q) < FEWEST:
+        raise InputError(f'poses: {len(q)} of {CANDIDATES} proposed ones without contact; '
+                         f'expected at least {FEWEST} (--floor)')
     fit = _Fit(model, _equations_at(model, q))
     n = model.n
     x = _Unknowns(fit.prior, fit.ratio, np.zeros(n), np.zeros(n))
