@@ -709,6 +709,7 @@ class TorquePath:
     def change_and_note(self, rule: Callable[[PathState], PathState], now: float) -> None:
         """Change the path as `change`, and say what happened, at a time of the path, ns."""
         last = self._last
+        self._drive = None  # the rule may go on from a torque of another process
         _, path = self.change(rule)
         self._last_good = self.time_of(now)
         self._note_drop(last, path, self._last_good)
@@ -807,13 +808,13 @@ class TorquePath:
         """Return the time since the last valid state, or since the start, s."""
         return (self.now - self._last_good) / NANO
 
-    @staticmethod
-    def _note_guard(guard: GuardSide, before: PathState, path: PathState, dropped: bool
-                    ) -> None:
+    def _note_guard(self, guard: GuardSide, before: PathState, path: PathState,
+                    dropped: bool) -> None:
         """Say what happened between this process and torque_guard."""
         last = Arbitration(*before.arbitration.tolist())
         known = Arbitration(*path.arbitration.tolist())
         if known.returns > last.returns:
+            self._drive = None  # the guard's torques came last
             guard.report_return(known.silent / NANO, dropped)
         if known.unanswered > last.unanswered:
             guard.report_silence()

@@ -365,6 +365,25 @@ def test_drives_with_feedback_pass_to_the_guard_and_back_without_a_step(monkeypa
     np.testing.assert_allclose(torques()[-1], gravity, atol=1e-9)
 
 
+def test_drives_with_feedback_pass_to_the_guard_and_back_soon_without_a_step(monkeypatch,
+                                                                             controller):
+    stiffness = 40.0
+    both = Pair(monkeypatch, controller, native=False, **{
+        'commands.form': 'position_offset', 'commands.stiffness': np.array(stiffness)})
+    both.path._pose = Q + 0.1  # the drives hold against a wrong model
+    both.run(0.4)
+    began = both.machine.now
+    for _ in range(2):
+        both.node_process.running = False
+        both.run(0.03)  # less than the timeout of states
+        both.node_process.resume()
+        both.run(0.03)
+    assert both.voices(began) == ['guard', 'node', 'guard', 'node']
+    aims = [aim for now, _, aim in both.machine.commands if now >= began]
+    steps = np.abs(np.diff(aims, axis=0)) * stiffness
+    assert 0.0 < steps.max() <= RATE * both.period * (1.0 + 1e-9)
+
+
 def test_zeros_that_the_guard_denied_do_not_follow_its_torques(pair):
     both = pair()
     both.node_process.running = False
