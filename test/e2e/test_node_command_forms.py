@@ -129,7 +129,7 @@ def test_without_states_a_form_commands_what_zero_torque_means(form, start, clie
     arm = Arm(form, start, client)
     arm.move()
     arm.guard.end()
-    assert client.call(SetBool, '/plant/pause', 60.0, data=True).success
+    assert client.call(SetBool, '/plant_node/pause', 60.0, data=True).success
     assert wait_until(lambda: 'none for' in arm.node.log, 20.0), arm.node.log
 
     weight = Robot(load_urdf(URDF)).gravity_force(arm.at)
