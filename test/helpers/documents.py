@@ -137,7 +137,7 @@ def run_console(text, folder):
                  'PYTHONPATH': os.pathsep.join(
                      [str(ROOT), os.environ.get('PYTHONPATH', '')])}) as shell:
         try:
-            output, _ = shell.communicate(timeout=480)
+            output, _ = shell.communicate(timeout=240)
         finally:
             with suppress(ProcessLookupError):  # what a command left in the background
                 os.killpg(shell.pid, signal.SIGKILL)
