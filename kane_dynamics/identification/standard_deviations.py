@@ -92,7 +92,8 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float,
     alone = base_deviations(A[:, np.concatenate([columns, further]).astype(int)])[:len(columns)]
     deviations = np.full(size + 4 * n, np.nan)
     # A column that is a combination of further terms, as of coupled motors, says nothing.
-    is_combined = alone * np.linalg.norm(A[:, columns], axis=0) > COMBINED
+    with np.errstate(invalid='ignore'):  # a column of zeros, whose deviation is infinite
+        is_combined = alone * np.linalg.norm(A[:, columns], axis=0) > COMBINED
     deviations[base.columns] = np.where(is_combined, np.nan, np.maximum(alone, every[columns]))
     deviations[~base.single] = np.nan
     return of_losses, deviations[:size].reshape(-1, 10), covariance, condition

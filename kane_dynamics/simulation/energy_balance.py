@@ -12,6 +12,7 @@ does work: with q' = T u + X, the joint forces f have the power f . q' = tau . u
 """
 
 from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -308,8 +309,9 @@ class EnergyBalance(Observer):
         # The torque of an interval is held: the power at its ends jumps where torques
         # do.
         shape = (len(states), states.shape[1] - 1)
-        torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
-        ends = [power(x.reshape(-1, x.shape[2]), torques).reshape(shape)
+        count, inputs = math.prod(shape), tau.shape[2]  # maybe no inputs at all
+        torques = np.broadcast_to(tau, (*shape, inputs)).reshape(count, inputs)
+        ends = [power(x.reshape(count, x.shape[2]), torques).reshape(shape)
                 for x in (states[:, :-1], states[:, 1:])]
         return np.array(ends).swapaxes(1, 2)
 

@@ -13,7 +13,6 @@ from kane_dynamics import load_urdf, Motion, Robot
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 from kane_dynamics.ros.parameters.parameter_table import SPECS
-from kane_dynamics.ros.torque_path.executors import CallbackExecutor
 import numpy as np
 import rclpy
 from rclpy.parameter import Parameter
@@ -58,8 +57,7 @@ class Commands:
         sent[0] = path.messages.of_all(np.frombuffer(data[-16:]).copy())
 
 
-path.executor = CallbackExecutor(path.native, path._now, Commands(),
-                                 *path.messages.publishers[1:])
+path.messages.publishers = Commands(), *path.messages.publishers[1:]
 
 
 class Arm:

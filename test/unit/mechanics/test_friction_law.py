@@ -392,9 +392,9 @@ def test_feasibility_refuses_load_friction():
     robot = worm()
     motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]],
                                 joint_names=robot.joint_names)
-    for function in (fastest, lambda robot, motion: time_optimal(robot, [[0.0], [1.0]])):
-        with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
-            function(robot, motion)
+    with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
+        time_optimal(robot, [[0.0], [1.0]])
+    assert fastest(robot, motion).duration > 0.0
 
 
 def test_a_robot_is_verified_though_a_quantity_has_no_kernel():

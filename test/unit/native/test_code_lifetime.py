@@ -53,6 +53,7 @@ for _ in range(3):
 # Two threads that are the first to need the same code both make it. One code is kept,
 # and here the late thread's function: another time they are of one thread.
 FIRST_TOGETHER = START + """
+from contextlib import suppress
 import threading
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import loops
@@ -66,7 +67,8 @@ load, address = llvm.Code.__init__, llvm.Code.address
 
 def load_together(self, objects):
     load(self, objects)
-    both.wait(10.0)
+    with suppress(threading.BrokenBarrierError):
+        both.wait(5.0)  # alone where cached_property has a lock, as in Python 3.11
 
 def late(self, name):
     if threading.current_thread().name == 'late':
@@ -82,7 +84,7 @@ for thread in threads:
     thread.start()
 for thread in threads:
     thread.join()
-assert one.is_set() and not both.broken
+assert one.is_set()
 kernel(*STATE)
 """
 

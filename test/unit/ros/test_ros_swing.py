@@ -11,6 +11,7 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics.control.terms import Mode  # noqa: E402, I100
 from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
+from kane_dynamics.ros.modes.live_law import SprungArm  # noqa: E402
 from kane_dynamics.ros.modes.stability import instability  # noqa: E402
 from kane_dynamics.ros.modes.task_modes import TaskModes  # noqa: E402
 from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
@@ -156,6 +157,8 @@ def test_each_spring_is_judged_beside_all_before_it():
     for names, stable in ((('first', 'second'), True), (('a', 'b', 'third'), False)):
         springs = dict.fromkeys(names, damper)
         law = SimpleNamespace(springs=lambda q, springs=springs: springs,
+                              sprung_arm=lambda robot, q: SprungArm(
+                                  robot.mass_matrix(q), robot.speed_names),
                               longest_period=np.inf)
         words = instability(rig.controller, {rig.mode: law}, rig.mode, Q, period)
         assert (words == '') == stable

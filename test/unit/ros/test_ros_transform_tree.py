@@ -245,8 +245,9 @@ def test_the_direction_of_gravity_follows_from_an_imu_that_tf_places():
     rig = Rig()
     used = []
     pose = random_pose(7)
-    source = GravityFromImu(MODEL, 'imu', 9.81, 0.1, used.append, rig.tree)
+    source = GravityFromImu(MODEL, 9.81, 0.1, used.append, rig.tree)
     message = Imu()
+    message.header.frame_id = 'imu'
     force = pose[:3, :3].T @ placed(BASE)[1][:3, :3].T @ np.array([0.0, 0.0, 9.81])
     a = message.linear_acceleration
     a.x, a.y, a.z = force
