@@ -11,6 +11,7 @@ steps extend it: `speed_choice.ConstrainedSteps` chooses the independent speeds,
 """
 
 from collections.abc import Callable, Sequence
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -108,8 +109,9 @@ class Steps:
         # The quantities of all samples of all simulations are computed as one batch.
         shape = samples.states.shape[:2]
         times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
-        states = samples.states.reshape(-1, samples.states.shape[2])
-        forces = tau.reshape(-1, self.robot.n)
+        count = math.prod(shape)  # there may be no speeds
+        states = samples.states.reshape(count, samples.states.shape[2])
+        forces = tau.reshape(count, self.robot.n)
         results: dict[str, Array] = {}
         for robot, k in self.best_choices(states, times):
             part = sampled_quantities(self.robot, robot, states[k], forces[k], times[k],

@@ -204,13 +204,13 @@ def test_an_invalid_trajectory_is_rejected_with_the_reason(
 
 @pytest.mark.parametrize(('words', 'values'), [
     ("'mode': 'fly'; expected", {'mode': 'fly'}),
-    ("'state_timeout': -1", {'state_timeout': -1.0}),
-    ("'state_timeout': nan", {'state_timeout': math.nan}),
+    ('Parameter state_timeout out of range', {'state_timeout': -1.0}),
+    ('Parameter state_timeout out of range', {'state_timeout': math.nan}),
     ('2 entries; expected one number, or one for each of the 3 joints',
      {'gains__kp': [1.0, 2.0]}),
     ("'gains.kd': [", {'gains__kd': [1.0, -2.0, 3.0]}),
     ("'gains.kp': []", {'gains__kp': []}),
-    ("'diagnostics_rate': 1e-12", {'diagnostics_rate': 1e-12}),
+    ('Parameter diagnostics_rate out of range', {'diagnostics_rate': 1e-12}),
     ('clean up first', {'urdf': '/some/other.urdf'}),
     ('clean up first', {'joints': ['lift']}),
     ('clean up first', {'arm_compensates': ['gravity']}),
@@ -243,7 +243,9 @@ def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_
         answer = node.adjust(**{'state_timeout': 0.7, name: BAD[spec.kind]})
         assert not answer.successful
         assert spec.name in answer.reason
-        assert spec.read_only or f'expected {spec.constraint}' in answer.reason
+        # The ranges of the descriptor are judged by rclpy, in its words.
+        words = f'expected {spec.constraint}', f'Parameter {spec.name} out of range'
+        assert spec.read_only or any(map(answer.reason.__contains__, words))
     assert node.adjust(state_timeout=1.0, state_check__speed_factor=math.inf,
                        trajectory__start_tolerance=math.inf, blend_time=0.0).successful
     parameters_after = node.call(GetParameters, 'get_parameters',

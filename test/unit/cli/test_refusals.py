@@ -33,7 +33,7 @@ REFUSED = [
      "invalid choice: 'euler' (choose from 'rk4'"),
     ('identify arm.urdf r.csv --efforts amps', "invalid choice: 'amps' (choose from"),
     ('excite arm.urdf -o e.csv --floor -1m', "'-1m'; expected a number of m, or none"),
-    ('equations arm.urdf --latex --json', 'not allowed with argument'),
+    ('equations arm.urdf --latex --json', '--latex: given with --json'),
     ('send arm.urdf', 'one of the arguments --motion --by is required'),
     # Numbers.
     ('torque arm.urdf --q 0 one', "--q: 'one'; expected 2 numbers, in the order joint1"),
