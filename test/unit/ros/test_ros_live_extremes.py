@@ -49,7 +49,7 @@ def test_no_value_of_a_live_parameter_throws_a_moving_arm(cases):
         largest = 1.2 * usual[case['mode']]['speed'] + 0.1  # rad/s
         slow = case['speed'] <= largest
         within = max(case['over'], case['rate']) <= 1.0 + ROUNDING
-            # The ranges of descriptors are judged by rclpy, in its words.
+        # The ranges of descriptors are judged by rclpy, in its words.
         reason = case['reason']
         refusal = (not reason or '; expected ' in reason
                    or f"Parameter {case['name']} out of range Min: " in reason)
