@@ -215,7 +215,7 @@ llvm-texts:
 	  clang-15 -std=c11 -O2 -ffp-contract=off -fno-strict-aliasing -fno-vectorize -fno-slp-vectorize \
 	    -fno-unroll-loops -fno-asynchronous-unwind-tables -fno-stack-protector -fno-pic -fno-ident \
 	    -S -emit-llvm -o $$made $$source.c && \
-	  sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^attributes/s/ ("[^"]*"="[^"]*"|alloc[a-z]*\([^)]*\))//g' \
+	  sed -i -E -e '/^(; ModuleID|source_filename|target )/d' -e '/^declare/s/ allocptr//' -e '/^attributes/s/ ("[^"]*"="[^"]*"|alloc[a-z]*\([^)]*\))//g' \
 	    -e 's/^(attributes .* = \{) +\}/\1 nounwind }/' $$made \
 	  || exit 1; done
 

@@ -1564,7 +1564,7 @@ declare dso_local noalias noundef ptr @malloc(i64 noundef) local_unnamed_addr #5
 declare void @llvm.memset.p0.i64(ptr nocapture writeonly, i8, i64, i1 immarg) #6
 
 ; Function Attrs: inaccessiblemem_or_argmemonly mustprogress nounwind willreturn allockind("free")
-declare dso_local void @free(ptr allocptr nocapture noundef) local_unnamed_addr #7
+declare dso_local void @free(ptr nocapture noundef) local_unnamed_addr #7
 
 ; Function Attrs: mustprogress nocallback nofree nosync nounwind readnone speculatable willreturn
 declare double @llvm.fabs.f64(double) #8

@@ -255,7 +255,8 @@ class ConfiguredRobot:
 
     def _answer_kernels(self, locks: bool) -> None:
         """Compile what other modes need, and requests that are answered at once."""
-        self.path.compile(other_modes=True)
+        if not self.fault:
+            self.path.compile(other_modes=True)
         self.modes.compile_descriptions()
         robots = [self._for_requests]
         if self._bending_for_requests is not None:
@@ -333,7 +334,8 @@ class ConfiguredRobot:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
                                    len(self.path.messages.joints))
             self.path.use_guard(self.guard)
-        self.path.compile()
+        if not self.fault:  # an arm that is never commanded has no cycle
+            self.path.compile()
         # Gravity of a mobile base comes from its IMU.
         self.path.set_loads(self.loads)
         self._distribute()
