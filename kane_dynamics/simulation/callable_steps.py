@@ -56,7 +56,7 @@ class CallableSteps(Steps):
                 break
         # A chunk that ended early has fewer states.
         times = self.start + (done + np.arange(k + 2)) * np.float64(self.step)
-        return Chunk(done, times, buffer[:, :k + 2], None, self)
+        return Chunk(done, times, buffer[:, :k + 2], self)
 
     def _evaluated(self, state: Array, done: int) -> Array:
         """Return the torque at a state after `done` steps."""

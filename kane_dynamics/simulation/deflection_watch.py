@@ -5,7 +5,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.observers import Chunk, Extremes, Observer
+from kane_dynamics.simulation.observers import Chunk, Observer
 import numpy as np
 
 
@@ -31,15 +31,6 @@ class DeflectionExcess(NamedTuple):
     bound: float
 
 
-class _WatchedBeam(NamedTuple):
-    """A beam, the places of its modal coordinates in q, and the peaks of its modes, m."""
-
-    name: str
-    beam: Beam
-    places: list[int]
-    peaks: Array
-
-
 class DeflectionWatch(Observer):
     """
     Detects the first time at which a beam bends further than its equations are meant for.
@@ -47,62 +38,46 @@ class DeflectionWatch(Observer):
     Parameters
     ----------
     robot : Robot
-    states : (N, size) array
-        Initial states, q first.
-    start : float
-        Their time, s.
     single : bool
         Leave out the number of the simulation.
 
     """
 
-    def __init__(self, robot: Robot, states: Array, start: float, single: bool) -> None:
-        """Look at the initial states."""
+    def __init__(self, robot: Robot, single: bool) -> None:
+        """Find the beams and the places of their modal coordinates in q."""
         self._single = single
-        self._beams: list[_WatchedBeam] = []
+        self._beams: list[tuple[str, Beam, list[int]]] = []
         self._first: dict[int, DeflectionExcess] = {}  # by simulation
         for body in robot.model.bodies:
             if body.beam is not None:
                 # Modal coordinates have places in q; those of ball joints have none.
                 places = [int(robot.model.places[k] or 0) for k in body.beam.coordinates]
-                self._beams.append(_WatchedBeam(body.name, body.beam, places,
-                                                body.beam.peaks))
-        self._look(states[:, None], np.array([start]), (states, states))
+                self._beams.append((body.name, body.beam, places))
 
     def look(self, chunk: Chunk) -> None:
-        """Look at further states."""
-        if self._beams:
-            self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
-
-    def _look(self, states: Array, t: Array, extremes: Extremes) -> None:
-        """Look at states, (N, K, size), at times t, (K,)."""
-        low, high = extremes
-        magnitudes = np.maximum(-low, high)
-        for watched in self._beams:
-            # The peaks of the modes bound the deflection. The bound decides in most
-            # cases, unless the motion diverges.
-            largest = magnitudes[:, watched.places]
-            within = largest @ watched.peaks <= watched.beam.admissible_deflection
-            for i in np.flatnonzero(~within).tolist():
+        """Look at the states of a chunk."""
+        for name, beam, places in self._beams:
+            eta = chunk.states[..., places]
+            # The peaks of the modes bound the deflection, which decides in most cases.
+            within = np.abs(eta) @ beam.peaks <= beam.admissible_deflection
+            for i in np.flatnonzero(~within.all(axis=1)).tolist():
                 if i not in self._first:
-                    self._look_closely(watched, i, states[i][:, watched.places], t)
+                    self._look_closely(name, beam, i, eta[i], chunk.times)
 
-    def _look_closely(self, watched: _WatchedBeam, simulation: int, eta: Array,
-                      t: Array) -> None:
+    def _look_closely(self, name: str, beam: Beam, simulation: int, eta: Array,
+                      times: Array) -> None:
         """Store the first excess among modal coordinates eta, (K, m), of a simulation."""
-        beam = watched.beam
+        bound = beam.admissible_deflection
         with np.errstate(over='ignore', invalid='ignore'):
             # Deflection vectors at the points along the beam, then the largest of each
             # row.
             along_beam = np.einsum('gmk,tm->tgk', beam.shapes, eta)
             deflection = np.linalg.norm(along_beam, axis=2).max(axis=1)
-        excesses = np.flatnonzero(deflection > beam.admissible_deflection)
+        excesses = np.flatnonzero(deflection > bound)
         if len(excesses):
             k = excesses[0]
-            self._first[simulation] = DeflectionExcess(float(t[k]), simulation,
-                                                       watched.name,
-                                                       float(deflection[k]),
-                                                       beam.admissible_deflection)
+            self._first[simulation] = DeflectionExcess(float(times[k]), simulation, name,
+                                                       float(deflection[k]), bound)
 
     def warning(self) -> str | None:
         """Return the warning for the first excess, or None."""

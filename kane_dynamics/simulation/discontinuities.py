@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import magnitude, moving, rates, values
+from kane_dynamics.mechanics.algebra.dual import magnitude, moving, rates, select, values
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
@@ -30,14 +30,12 @@ ROUNDING = 64.0 * EPS  # of a function, and of its argument
 # Relative length of an interval that is not halved: of functions of time; of q, whose
 # rounding makes the time of a decision uncertain.
 SHORT, SHORT_OF_STATE = 4.0 * EPS, 1e-11
-MOST = 2**14  # intervals in one round; of more, those with the largest differences
-SIDE = 8  # points on either side of a suspected jump
-NOISE = 3.0  # a jump is larger than the scatter of the points on both sides by this factor
+MOST = 2**14  # intervals in one round; of more, the first
 SAME = 1e-12  # relative: jumps that are as close in time are one
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # spreads the weights of comparisons
 
-# Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals
-# given by begin, (K,), end, (K,), s, and number of the step, (K,).
+# Differences, (K,), above 1 where f may jump, and the changes of the entries of f that may,
+# (K, C), in intervals given by begin, (K,), end, (K,), s, and number of the step, (K,).
 Screen = Callable[[Array, Array, Any], tuple[Array, Array]]
 
 
@@ -74,7 +72,7 @@ class JumpWatch(Observer):
         # The integrator adds up its time, which may pass the last nominal time by its
         # rounding.
         end = start + count * step
-        self._range = start, end + 0.5 * EPS * count * max(abs(start), abs(end))
+        self._end = end + 0.5 * EPS * count * max(abs(start), abs(end))
         self._mechanism: Mechanism | None = None
         if len(starts):
             self._mechanism = robot.equations.mechanism
@@ -102,7 +100,7 @@ class JumpWatch(Observer):
         if self._names[False]:
             times = self._start + (done + np.arange(steps + 1)) * np.float64(self._step)
             if done + steps == self._count:
-                times[-1] = self._range[1]
+                times[-1] = self._end
             self._search(None, times, 'simulation')
 
     def look(self, chunk: Chunk) -> None:
@@ -135,8 +133,7 @@ class JumpWatch(Observer):
                 at = [x[k] for x in motion] or [np.zeros(self._robot.n_q)] * 2
                 self._refuse(at[0], at[1], float(begin[k]), float(end[k]), of_state)
             return differences, results[:, 1:]
-        jump = first_jump(screen, times, self._range,
-                          SHORT_OF_STATE if of_state else SHORT)
+        jump = first_jump(screen, times, SHORT_OF_STATE if of_state else SHORT)
         if jump is not None:
             name, unit = self._names[of_state][jump.channel]
             raise ConstraintError(
@@ -217,7 +214,7 @@ def _parts(functions: dict[tuple[str, str], Any]) -> _Parts:
 
 
 def _difference(begin: Scalar, end: Scalar, parts: Sequence[_Parts]) -> Vector:
-    """Return the difference of `Screen`, then f, for `_parts` at begin, middle and end; traced."""
+    """Return the results of `Screen` for `_parts` at begin, middle and end; traced."""
     (f_0, r_0, branch_0), (_, r_1, branch_1), (f_2, r_2, branch_2) = parts
     # Outcomes of comparisons that change in the interval.
     total = (branch_1 - branch_0) * (branch_1 - branch_0) + (branch_2 - branch_0) * (
@@ -226,12 +223,15 @@ def _difference(begin: Scalar, end: Scalar, parts: Sequence[_Parts]) -> Vector:
     # Changes that Simpson's rule does not confirm, relative to the rounding of f and of
     # t.
     late = magnitude(begin) + magnitude(end)
+    changes = []
     for a, r_a, r_m, b, r_b in zip(f_0, r_0, r_1, f_2, r_2):
         error = b - a - (end - begin) * (r_a + 4.0 * r_m + r_b) * (1.0 / 6.0)
         allowed = SMALL + ROUNDING * (magnitude(a) + magnitude(b) + late * (
             magnitude(r_a) + magnitude(r_m) + magnitude(r_b)))
-        total = total + error * error / (allowed * allowed)
-    return np.array([total, *f_0], dtype=object)
+        difference = error * error / (allowed * allowed)
+        total = total + difference
+        changes.append(select(difference > 1.0, b - a, 0.0))
+    return np.array([total, *changes], dtype=object)
 
 
 def _run(kernel: Kernel, arguments: list[Array]) -> Array:
@@ -250,19 +250,16 @@ class Jump(NamedTuple):
     size: float
 
 
-def first_jump(screen: Screen, times: Array, within: tuple[float, float],
-               short: float) -> Jump | None:
+def first_jump(screen: Screen, times: Array, short: float) -> Jump | None:
     """
     Return the first jump of functions between times, or None.
 
     Parameters
     ----------
     screen : callable
-        Differences and functions.
+        Differences and changes.
     times : (K + 1,) array
         Increasing, s.
-    within : (float, float)
-        Begin and end of the time in which functions count, s.
     short : float
         Relative length of an interval that is not halved.
 
@@ -273,19 +270,15 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
     # Intervals are halved until they are as short as the resolution of time, where only
     # those with a jump are left.
     while len(begin):
-        difference, _ = screen(begin, end, step)
-        suspect = np.flatnonzero(difference > 1.0)
-        # Of very many, those with the largest differences.
-        if len(suspect) > MOST:
-            largest = np.argsort(-difference[suspect], kind='stable')[:MOST]
-            suspect = np.sort(suspect[largest])
+        difference, changes = screen(begin, end, step)
+        suspect = np.flatnonzero(difference > 1.0)[:MOST]
         begin, end, step = begin[suspect], end[suspect], step[suspect]
         # Intervals as short as the resolution of time hold a jump, or do not; others are
         # halved.
         latest = np.maximum(np.abs(begin), np.abs(end))
         last = end - begin <= short * np.maximum(latest, span)
-        for k in np.flatnonzero(last).tolist():
-            jumps += _jumps(screen, float(begin[k]), float(end[k]), int(step[k]), within)
+        for k, channel in np.argwhere(last[:, None] & (changes[suspect] != 0.0)).tolist():
+            jumps.append(Jump(float(begin[k]), channel, float(changes[suspect][k, channel])))
         begin, end, step = begin[~last], end[~last], step[~last]
         middle = 0.5 * (begin + end)
         begin = np.concatenate([begin, middle])
@@ -298,20 +291,3 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
     latest_same = earliest + SAME * (abs(earliest) + span)
     return min((jump for jump in jumps if jump.t <= latest_same),
                key=attrgetter('channel'))
-
-
-def _jumps(screen: Screen, begin: float, end: float, step: int,
-           within: tuple[float, float]) -> list[Jump]:
-    """Return the jumps in an interval: there the points on either side are apart."""
-    # Points on both sides of the interval, within the times that may be evaluated.
-    distances = np.arange(1, SIDE + 1) * (end - begin)
-    sides = np.concatenate([np.maximum(begin - distances, within[0]),
-                            np.minimum(end + distances, within[1])])
-    early, late = np.split(screen(sides, sides, np.full(2 * SIDE, step))[1], 2)
-    # A jump is a difference of both sides' means beyond the scatter within each side.
-    size = late.mean(axis=0) - early.mean(axis=0)
-    scatter = np.ptp(early, axis=0) + np.ptp(late, axis=0)
-    largest = np.abs(early).max(axis=0) + np.abs(late).max(axis=0)
-    apart = np.abs(size) > NOISE * scatter + SMALL + ROUNDING * largest
-    return [Jump(begin, channel, float(size[channel]))
-            for channel in np.flatnonzero(apart).tolist()]

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple, Protocol
 
-from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_math import size_limit
@@ -29,11 +28,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import state_names
 import numpy as np
 
-# Least and largest value of each entry of several states, (N, size) each.
-Extremes = tuple[Array, Array]
 # The power of the torques, (N, rows), W, at row numbers of the states of a chunk.
 Power = Callable[[Array], Array]
-STATES_OF_ROW = 64
 
 
 class Impact(NamedTuple):
@@ -88,8 +84,6 @@ class Chunk:
     states : (N, K + 1, size) array
         After `done` steps and after each of the K next ones; entries as
         `step_kernels.state_names`.
-    known_extremes : (N, size) arrays, optional
-        `extremes`, if the steps have computed them.
     energetics : Energetics
         The steps.
 
@@ -98,28 +92,7 @@ class Chunk:
     done: int
     times: Array
     states: Array
-    known_extremes: Extremes | None
     energetics: Energetics
-
-    @lazy_property
-    def extremes(self) -> Extremes:
-        """Return least and largest value of each entry over the last K states; NaN if any is."""
-        if self.known_extremes is not None:
-            return self.known_extremes
-        states = self.states[:, 1:]
-        N, count, size = states.shape
-        # Rows of many states: NumPy compares long rows several times faster than short
-        # ones. The states that fill no such row are compared one by one.
-        rows, others = divmod(count, STATES_OF_ROW)
-        low = []
-        high = []
-        for first, number, length in ((0, rows, STATES_OF_ROW), (count - others, others, 1)):
-            if number:
-                part = states[:, first:first + number * length]
-                long_rows = part.reshape(N, number, length * size)
-                low.append(long_rows.min(axis=1).reshape(N, length, size).min(axis=1))
-                high.append(long_rows.max(axis=1).reshape(N, length, size).max(axis=1))
-        return np.minimum.reduce(low), np.maximum.reduce(high)
 
 
 class Observer:

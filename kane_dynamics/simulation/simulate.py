@@ -177,7 +177,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     # for before the first evaluation of the dynamics, which may not be finite.
     observers: list[Observer] = []
     if robot.equations.tree.flexible:
-        observers.append(DeflectionWatch(robot, states, start, single))
+        observers.append(DeflectionWatch(robot, single))
     observers.append(DivergenceWatch(robot, step, single, *observers))
     if robot.equations.timed:
         observers.append(JumpWatch(robot, states, start, step, count, single))

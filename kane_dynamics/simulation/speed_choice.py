@@ -34,7 +34,7 @@ from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error
 from kane_dynamics.simulation.motion_samples import dual_forces, speeds_in, state_parts
-from kane_dynamics.simulation.observers import diverged_error, Exchange, Extremes
+from kane_dynamics.simulation.observers import diverged_error, Exchange
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
 from kane_dynamics.simulation.stepping import Samples, Steps
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -98,13 +98,12 @@ class ConstrainedSteps(Steps):
         self._changed: set[int] = set()  # simulations that left their first phase
         self._sources: dict[tuple[Robot, float], TorqueInput] = {}
 
-    def advance(self, buffer: Array, done: int) -> Extremes | None:
+    def advance(self, buffer: Array, done: int) -> None:
         """Compute the states after each step; as `TorqueInput.advance`."""
-        extremes = None
         # Simulations in the same speeds are computed together, in SIMD lanes.
         for simulations in self._groups(len(buffer)):
             if len(simulations) == len(buffer):
-                extremes = self._advance(self._source_of(simulations), buffer, done)
+                self._advance(self._source_of(simulations), buffer, done)
             else:
                 part = np.ascontiguousarray(buffer[simulations])
                 self._advance(self._source_of(simulations), part, done)
@@ -117,11 +116,6 @@ class ConstrainedSteps(Steps):
                 self._look_closely(i, buffer[i], done)
         for i in np.flatnonzero(~accepted).tolist():
             self._resume(i, buffer[i], int(np.argmin(trusted(buffer[i]))), done)
-        if self._single:
-            return None
-        if extremes is None or not accepted.all():
-            extremes = buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
-        return extremes
 
     def _groups(self, count: int) -> list[list[int]]:
         """Return the simulations in groups of the same phase."""

@@ -15,7 +15,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel, TERMS
-from kane_dynamics.simulation.observers import Extremes, Impact
+from kane_dynamics.simulation.observers import Impact
 from kane_dynamics.simulation.row_kernel import (Guards, HELD, ModeChoice, response_kernel,
                                                  row_kernel, RowMode, RowSet)
 from kane_dynamics.simulation.row_modes import Impulses, row_set, RowModes, TOUCHING
@@ -125,7 +125,7 @@ class RowSteps:
             self._modes_of[key] = robot, RowModes(self._row_set(robot, dual_to), self._step)
         return self._modes_of[key][1]
 
-    def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
+    def advance(self, source: TorqueInput, buffer: Array, done: int) -> None:
         """
         Compute the states after each step, as `TorqueInput.advance`.
 
@@ -139,9 +139,6 @@ class RowSteps:
             self._losses[i] = [loss.until(done) for loss in self._losses.get(i, [])]
             self._hits[i] = [x for x in self._hits.get(i, []) if x[0] <= done]
             self._follow(source.alone(row), i, buffer[row], done)
-        if source.single:
-            return None
-        return buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
 
     def settle(self, done: int) -> list[Impact]:
         """Close what happened so far; return its energy in steps counted from `done`."""

@@ -24,7 +24,7 @@ from kane_dynamics.simulation.motion_samples import (actuator_torques, admissibl
                                                      generalized_forces, motion_at,
                                                      speeds_in, speeds_of_motion,
                                                      state_parts)
-from kane_dynamics.simulation.observers import Chunk, Exchange, Extremes, Observer
+from kane_dynamics.simulation.observers import Chunk, Exchange, Observer
 from kane_dynamics.simulation.stepper import RowSteps
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import constraint_residuals
@@ -73,13 +73,13 @@ class Steps:
         """Return the next steps from states, (N, size), after `done` steps: at most `count`."""
         buffer = np.empty((len(starts), count + 1, starts.shape[1]))
         buffer[:, 0] = starts
-        extremes = self.advance(buffer, done)
+        self.advance(buffer, done)
         times = self.start + (done + np.arange(count + 1)) * np.float64(self.step)
-        return Chunk(done, times, buffer, extremes, self)
+        return Chunk(done, times, buffer, self)
 
-    def advance(self, buffer: Array, done: int) -> Extremes | None:
-        """Compute the states of a buffer; arguments and result as of `TorqueInput.advance`."""
-        return self._advance(self.source, buffer, done)
+    def advance(self, buffer: Array, done: int) -> None:
+        """Compute the states of a buffer; arguments as of `TorqueInput.advance`."""
+        self._advance(self.source, buffer, done)
 
     def user_state(self, state: Array) -> tuple[Array, Array]:
         """Return q and u, in the user's speeds, of a simulation's state."""

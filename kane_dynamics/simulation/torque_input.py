@@ -12,7 +12,7 @@ from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import load_friction_kernel
 from kane_dynamics.simulation.motion_samples import speeds_in
-from kane_dynamics.simulation.observers import Extremes, Power
+from kane_dynamics.simulation.observers import Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 import numpy as np
 
@@ -59,7 +59,7 @@ class TorqueInput:
     single: bool = True
     simulations: Sequence[int] | None = None
 
-    def advance(self, buffer: Array, done: int) -> Extremes | None:
+    def advance(self, buffer: Array, done: int) -> None:
         """
         Compute the states after each step, without the GIL.
 
@@ -70,26 +70,17 @@ class TorqueInput:
         done : int
             Number of earlier steps.
 
-        Returns
-        -------
-        (N, size) arrays, or None where `single`
-            Least and largest of each entry of the K states.
-
         """
         steps = buffer.shape[1] - 1
         inputs = self.inputs(done, steps)
-        # One simulation is a scan, many share the lanes of a rollout, which also watches
-        # extremes.
+        # One simulation is a scan, many share the lanes of a rollout.
         if self.single:
             states = buffer[0]
             row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
             self.kernel.scan([states[:-1], row], states[1:], constants=self.constants)
-            return None
-        low = np.full_like(buffer[:, 0], np.inf)
-        high = np.full_like(buffer[:, 0], -np.inf)
-        self.kernel.rollout([buffer[:, :-1], inputs], buffer[:, 1:], steps,
-                            constants=self.constants, extremes=(low, high))
-        return low, high
+        else:
+            self.kernel.rollout([buffer[:, :-1], inputs], buffer[:, 1:], steps,
+                                constants=self.constants)
 
     @property
     def follows(self) -> bool:

@@ -146,6 +146,6 @@ def test_the_first_of_several_jumps_is_found():
     def screen(begin, end, place):
         of_end = np.sign(end - 0.31) + 2.0 * np.sign(end - 0.32)
         of_begin = np.sign(begin - 0.31) + 2.0 * np.sign(begin - 0.32)
-        return 1e9 * np.abs(of_end - of_begin), of_begin[:, None]
-    t, channel, size = first_jump(screen, np.array([0.0, 0.3, 0.4]), (0.0, 0.4), SHORT)
+        return 1e9 * np.abs(of_end - of_begin), (of_end - of_begin)[:, None]
+    t, channel, size = first_jump(screen, np.array([0.0, 0.3, 0.4]), SHORT)
     assert (t, channel, size) == (pytest.approx(0.31, abs=1e-14), 0, 2.0)
