@@ -1,6 +1,6 @@
 // Pages of tasks, and of what programs import, come before the modules of the mechanics.
 // A `var`, since the script of the theme declares the same name again.
-const INTERNAL = ['api/mechanics', '_modules/', 'changelog'];
+const INTERNAL = ['api/mechanics', '_modules/'];
 var Scorer = {
   score: ([docname, title, anchor, description, score]) =>
     INTERNAL.some((start) => docname.startsWith(start)) ? score - 100 : score,

@@ -9,7 +9,7 @@ from kane_dynamics import ModelBuilder, Robot, rod
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 
 ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / 'docs/dev/public_names.md').read_text('utf-8')
+TEXT = (ROOT / 'docs/dev/development.md').read_text('utf-8')
 
 
 def groups(title):
