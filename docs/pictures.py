@@ -23,7 +23,7 @@ def main() -> None:
             continue
         with TemporaryDirectory() as folder:
             work_through(page, Path(folder))
-            for name in names:
+            for name in filter(lambda name: (Path(folder) / name).exists(), names):
                 keep(Path(folder) / name, DOCS / 'pictures' / name)
 
 
