@@ -55,7 +55,8 @@ class Arm:
         self.guard = start(module='kane_dynamics.ros.guard.main')
         self.guard.wait_for('watching kane_dynamics', 120.0)
         self.node.wait_for('active, mode', 120.0)
-        assert wait_until(lambda: len(client.commands) > 50, 60.0), self.node.log
+        assert wait_until(lambda: len(client.commands) > 50 and self.states,
+                          60.0), self.node.log
         assert wait_until(lambda: self.motions.get_subscription_count() > 0, 30.0)
 
     def move(self):

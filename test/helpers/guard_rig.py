@@ -1,5 +1,6 @@
 """A simulated arm with dynamics node and torque_guard, whose commands are recorded."""
 
+from contextlib import ExitStack
 from itertools import pairwise
 import os
 from pathlib import Path
@@ -260,10 +261,12 @@ class Rig:
 
     def close(self):
         self.recorder.close()
-        for process in (*self._watches, self.node, self.guard, self.plant):
-            if process.alive():
-                os.kill(process.pid, signal.SIGCONT)
-                process.end(timeout=20.0)
+        # One that does not end by itself fails the test, after all others have ended.
+        with ExitStack() as ends:
+            for process in (*self._watches, self.node, self.guard, self.plant):
+                if process.alive():
+                    os.kill(process.pid, signal.SIGCONT)
+                    ends.callback(process.end, timeout=60.0)
 
 
 def ideal_stop(model, states, failed, taken_over):
