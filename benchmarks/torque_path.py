@@ -157,6 +157,10 @@ class Rig:
         now = time.time_ns()
         assert self.path.active_motion.follow(self.motion, now, now,
                                               self.path.active_motion.generation)
+        self.go_on(count, timed=timed)
+
+    def go_on(self, count: int, *, timed: bool = False) -> None:
+        """Run `count` cycles along the motion that was begun."""
         for begin in range(0, count, BURST):
             time.sleep(PAUSE)
             self._burst(min(BURST, count - begin), timed)
@@ -225,9 +229,10 @@ def steady_memory(rig: Rig, cycles: int = STEADY) -> dict[str, int]:
     short-lived numbers, of clamped torques too, and the readings' own memory is not
     counted.
     """
+    rig.run(1, timed=False)
     for count in (cycles, 1, cycles):
         memory_before = memory_in_use()
-        rig.run(count, timed=False)
+        rig.go_on(count)
         memory_after = memory_in_use()
     return {name: memory_after[name] - memory_before[name] for name in memory_before}
 

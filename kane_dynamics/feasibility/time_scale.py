@@ -31,7 +31,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
-PRECISION = 1e-10  # relative, of the speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ def fastest(robot: Robot, motion: Motion | SmoothMotion, *, most: float = math.i
         if not slowest.fits or speed < LOWEST:
             return None
         speed, beyond = largest_fitting(partial(at_samples, additional=additional), LOWEST,
-                                        speed, PRECISION)
+                                        speed, ROUNDING)
         if beyond:  # the tolerance on limits is left for the rounding of files
             speed *= 1.0 - ROUNDING
         at_speed = at_samples(speed, additional)

@@ -132,7 +132,7 @@ def test_the_fastest_speed_is_found_by_few_demands(limits, monkeypatch):
         return of_states(self, *args, **options)
     monkeypatch.setattr(DrivesAlong, 'demand_at', counted)
     fastest(robot_of(**limits), move(), step=0.05)
-    assert count < 200
+    assert count < 150
 
 
 def test_limits_of_the_joint_are_those_of_its_motor_unless_the_drive_states_others():

@@ -388,14 +388,25 @@ def test_supplement_states_all_terms(tmp_path):
     assert {name: getattr(joint, name) for name in LAW} == LAW
 
 
-def test_feasibility_refuses_load_friction():
+def test_timing_refuses_load_friction():
+    with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
+        time_optimal(worm(), [[0.0], [1.0]])
+
+
+def test_at_the_highest_speed_a_torque_with_load_friction_is_at_its_limit():
     robot = worm()
+    robot.limits = replace(robot.limits, effort=np.array([10.0]))
     motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]],
                                 joint_names=robot.joint_names)
-    with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
-        time_optimal(robot, [[0.0], [1.0]])
-    # The highest speed is a bisection over inverse dynamics, which has load friction.
-    assert fastest(robot, motion) is not None
+    speed = fastest(robot, motion, step=1e-3).speed
+    q, u, udot = motion.sample(np.linspace(0.0, 1.0, 20001))
+
+    def largest_torque(factor):
+        tau = robot.inverse_dynamics(q, factor * u, factor**2 * udot)
+        return np.abs(tau).max()
+
+    assert largest_torque(speed) == pytest.approx(10.0, rel=1e-5)
+    assert largest_torque(1.001 * speed) > 10.01
 
 
 def test_a_robot_is_verified_though_a_quantity_has_no_kernel():

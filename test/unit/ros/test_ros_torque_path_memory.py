@@ -11,10 +11,10 @@ def test_cycles_are_timed_and_hold_no_memory():
     assert np.array(rig.took).min() > 1000  # ns
     assert not np.array_equal(np.frombuffer(rig.commands.data[-8:]), [0.0])
     # Another thread of the test runner may allocate in one of the windows, but not in
-    # all. Python keeps some blocks for a time, fewer than one in 20 cycles.
+    # all.
     windows = [torque_path.steady_memory(rig, 500) for _ in range(5)]
     assert min(window[torque_path.BYTES] for window in windows) <= 0
-    assert min(window[torque_path.BLOCKS] for window in windows) < 500 / 20
+    assert min(window[torque_path.BLOCKS] for window in windows) <= 0
     leak = []
     observed = rig.path.on_state
 
