@@ -78,7 +78,7 @@ class LinearForm:
         return sp.cancel((symbol * sp.eye(len(places)) - A).det(method='berkowitz'))
 
     def numeric(self, values: Mapping[Any, float] | None = None) -> Linearization:
-        """Return the equations in numbers; `values` replace those of some symbols."""
+        """Return the equations in numbers; `values` replace the values of some symbols."""
         numbers = {parameter.symbol: parameter.value for parameter in self.parameters}
         numbers.update(values or {})
         M, C, K, G, H, positions = (

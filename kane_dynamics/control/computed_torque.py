@@ -225,7 +225,7 @@ def followed_friction(equations: Equations, places: Sequence[int], q: Vector,
 def law_program(robot: Robot, followed: Sequence[int] | None = None,
                 commanded: bool = False) -> Program:
     """
-    Trace the law; arguments as of `law_kernel`, then the robot's parameters.
+    Trace the law; arguments as in `law_kernel`, then the robot's parameters.
 
     The result is dual to the independent speeds, (n,), without a check of the
     configuration. With `commanded` it is the torques of the joints, (n_q,), NaN where

@@ -244,7 +244,7 @@ class Controller:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """Return the modes of this controller: those with a law."""
+        """Return the modes for which this controller has a law."""
         return (*OWN_MODES, *self.laws)
 
     @property
@@ -375,7 +375,7 @@ class Controller:
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
         """
-        Return the torques, (n,), as `command`, before blending and limits, unchecked.
+        Return the torques of `command`, (n,), before blending and limits, without checks.
 
         For a loop that has checked the arguments: `q` and `u` are (n,) float64, finite
         and contiguous, and the motion is of the robot's joints in the robot's order.

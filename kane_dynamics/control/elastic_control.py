@@ -227,7 +227,7 @@ def warn_of_degrees_of_links(arm: ElasticArm, motion: Motion | SmoothMotion,
 
 class MotorSideControl:
     """
-    PD of the motors around the elastic feedforward: the passive law.
+    PD of the motors added to the elastic feedforward: the passive law.
 
     tau_m = tau_m,d + kp (theta_d - theta) + kd (theta'_d - theta')
 

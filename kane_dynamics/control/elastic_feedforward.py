@@ -284,7 +284,7 @@ class ElasticFeedforward:
     def rows_along(self, times: Array, state: SmoothState, joints: Sequence[str],
                    deflection: Any = None) -> tuple[Array, Array]:
         """
-        Return the rows `ROWS` along a motion, (N, 7, n), and that of the links, (N, 3, n).
+        Return the rows `ROWS` along a motion, (N, 7, n), and the links' motion, (N, 3, n).
 
         Parameters
         ----------

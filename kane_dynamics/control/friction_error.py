@@ -22,7 +22,7 @@ UNIT_SPEED = 1.0  # rad/s or m/s, at which damping adapts as fast as Coulomb fri
 @guarded_class
 class FrictionError:
     """
-    Torque of measured friction beyond that of the model, for `MomentumObserver`.
+    Torque of measured friction beyond the model's, for `MomentumObserver`.
 
     ``torque(u) = offset + coulomb tanh(u / friction_speed) + damping u`` for each joint;
     the values may be negative. `calibrate_collision` fits them to a recording without

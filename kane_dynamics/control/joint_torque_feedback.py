@@ -83,7 +83,7 @@ class JointTorqueFeedback:
     def torque(self, q: ArrayLike, u: ArrayLike, torque: ArrayLike, *,
                t: float = 0.0) -> Array:
         """
-        Return tau, (n,), for torques of `joint_names` in a state; those of rigid joints stay.
+        Return tau, (n,), for torques of `joint_names` in a state; rigid joints keep theirs.
 
         Parameters
         ----------

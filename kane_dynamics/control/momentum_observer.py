@@ -134,7 +134,7 @@ class MomentumObserver:
 
     @property
     def torque(self) -> Array:
-        """Return the estimate at the last sample, (n,), an array of the caller's."""
+        """Return a copy of the estimate at the last sample, (n,)."""
         return self._residual.copy()
 
     def tune(self, gain: ArrayLike, max_gap: float) -> None:

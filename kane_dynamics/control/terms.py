@@ -59,7 +59,7 @@ class Terms:
     @classmethod
     def beside(cls, arm_compensates: Collection[str]) -> Terms:
         """
-        Return the terms to command beside those that the arm adds itself.
+        Return the terms to command in addition to the terms that the arm adds itself.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Terms:
         return tau
 
     def changes_friction(self, source: Robot | QuasiStatic) -> bool:
-        """Return whether commands have another friction than that of the desired speed."""
+        """Return whether commands have other friction than at the desired speed."""
         robot = source.robot if isinstance(source, QuasiStatic) else source
         return self.friction and changes_friction(robot)
 

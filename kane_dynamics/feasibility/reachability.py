@@ -313,7 +313,7 @@ def end_limit(limits: IntervalLimits) -> float:
 def controllable_sets(limits: IntervalLimits, last: tuple[float, float],
                       known: tuple[Array, Segments] | None = None) -> Array:
     """
-    Return the controllable sets of all vertices, rows as those of `controllable`.
+    Return the controllable sets of all vertices, rows as in `controllable`.
 
     The rows, (N + 1, w), continue with the bounds of the x at the next vertex.
 

@@ -222,7 +222,7 @@ class Identification:
 
     @property
     def fast_damping(self) -> Array:
-        """Return the damping at high rates of each joint, (n,), `damping` without the law."""
+        """Return the damping of each joint at high rates, (n,); by default `damping`."""
         return self.fit.losses[:, 4] if self.fit.law.curved else self.losses[:, 0]
 
     @property

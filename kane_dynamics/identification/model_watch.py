@@ -199,7 +199,7 @@ class ModelWatch:
     @on_one_processor
     def report(self, recording: Recording) -> WatchReport:
         """
-        Return the residuals of a recording, and the causes of those that are too large.
+        Return the residuals of a recording, and the causes of residuals that are too large.
 
         Raises
         ------

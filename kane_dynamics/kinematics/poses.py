@@ -26,7 +26,7 @@ LARGEST = 1e12  # rad, the limit of joint positions too
 def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = None,
               quaternion: ArrayLike | None = None) -> Array:
     """
-    Return the pose of a position and an orientation, which is none by default.
+    Return the pose of a position and an orientation; by default it is not rotated.
 
     Parameters
     ----------

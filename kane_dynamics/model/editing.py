@@ -168,7 +168,7 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
 
 def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
-    Return a model in which some joints, and those that mimic them, are locked.
+    Return a model in which some joints, and joints that mimic them, are locked.
 
     Their bodies become parts of the bodies that carry them, with their mass. A beam on a
     locked joint is clamped there, and keeps its modes. Where the link or the motor of an

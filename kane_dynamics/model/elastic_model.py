@@ -22,7 +22,7 @@ SUFFIX = '_motor'  # of the name of a motor's joint and body
 
 def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
     """
-    Return the model with elastic joints: a drive's motor and spring at each.
+    Return the model with elastic joints, each with the motor and spring of a drive.
 
     The motor of joint 'a' is the joint 'a_motor'. Its coordinate, the motor's position
     divided by the ratio, comes behind all others in q and u, in the order of `drives`.

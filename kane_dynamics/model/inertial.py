@@ -106,7 +106,7 @@ class Inertial:
         return cls(mass, com, np.trace(central) * np.eye(3) - central)
 
     def moved(self, rotation: ArrayLike, translation: ArrayLike) -> Inertial:
-        """Return the inertial in the axes of a frame in which this one is at (R, p)."""
+        """Return the inertial in axes in which its present frame has the pose (R, p)."""
         R = constant(rotation, (3, 3), 'rotation')
         p = constant(translation, (3,), 'translation')
         if (np.abs(R) > 1.0 + 1e-6).any():

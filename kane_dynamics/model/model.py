@@ -73,7 +73,7 @@ class Limits:
     def with_follower(self, other: Limits, multiplier: float,
                       offset: float) -> Limits | None:
         """
-        Return these limits narrowed by those of a joint that mimics this one.
+        Return these limits narrowed by the limits of a joint that mimics this one.
 
         The other joint is at multiplier times this one's position plus offset. Its
         effort limit does not count: the torque is this joint's. None if no position

@@ -156,7 +156,7 @@ class SmoothMotion:
 
     def with_rest(self, seconds: float) -> SmoothMotion:
         """
-        Return the motion with a rest at its last point as a part of it.
+        Return the motion followed by a rest at its last point.
 
         Motors of drives with damping still move then.
 

@@ -259,7 +259,7 @@ class TrajectoryOptimizer:
 
     def set_disturbance(self, tau: ArrayLike) -> None:
         """
-        Set unknown torques that act beside those of the actuators, (m,), constant.
+        Set constant unknown torques that act in addition to the actuators', (m,).
 
         The planned motion stays: the actuators give what the disturbance does not. A
         target at rest then needs the torques that hold it against gravity and the
@@ -297,7 +297,7 @@ class TrajectoryOptimizer:
     def solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
               tolerance: float = 1e-9) -> OptimizedMotion:
         """
-        Improve the torques for a measured state, from those of the last call.
+        Improve the torques of the last call for a measured state.
 
         Parameters
         ----------

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 
 def changes_friction(robot: Any) -> bool:
-    """Return whether commands have another friction than that of the desired speed."""
+    """Return whether commands have other friction than at the desired speed."""
     if not isinstance(robot, Robot):  # one of a user's own, with methods of these names
         return False
     return robot.friction and robot.equations.tree.feedforward_choice != DESIRED_SPEED

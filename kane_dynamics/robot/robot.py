@@ -220,7 +220,7 @@ class Robot(FrameworkMethods, Configurations):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Keyword arguments of `Robot` that describe this robot beside its model."""
+        """Keyword arguments of `Robot` that describe this robot in addition to its model."""
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
 

@@ -354,7 +354,7 @@ class Trajectory:
 
     def save_csv(self, path: Path) -> None:
         """
-        Write one row per sample; the header names quantity and joint, as ``q.elbow``.
+        Write one row per sample; the header names quantity and joint, such as ``q.elbow``.
 
         For a single motion; of N motions, save ``trajectory.state(k)``.
         """

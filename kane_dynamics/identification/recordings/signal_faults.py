@@ -99,7 +99,7 @@ def frozen_rows(recording: Recording) -> Flags:
 
 def idle_efforts(recording: Recording) -> Flags:
     """
-    Return whose efforts stay near one value while the joint moves both ways, (n,).
+    Return which joints' efforts stay near one value while the joint moves both ways, (n,).
 
     Friction changes its sign with the motion, so that efforts of a moving joint do not.
     A channel that nothing is connected to has little but crosstalk of other joints.
@@ -118,7 +118,7 @@ def idle_efforts(recording: Recording) -> Flags:
 
 
 def beyond_limits(recording: Recording, limits: Array) -> Flags:
-    """Return for which joints efforts are far beyond their limits for long, (n,)."""
+    """Return which joints' efforts are far beyond their limits for long, (n,)."""
     usual = np.quantile(np.abs(recording.tau), 0.9, axis=0)
     beyond: Flags = usual > BEYOND * limits
     return beyond

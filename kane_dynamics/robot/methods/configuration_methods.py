@@ -194,7 +194,7 @@ class Configurations(Dispatch):
                       t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
-        Return joint torques, (n_q,), with the generalized force tau.
+        Return joint torques, (n_q,), whose generalized force is tau.
 
         Of ball joints the moments about the axes of the body, so that the order is
         `joint_names`.
@@ -255,7 +255,7 @@ class Configurations(Dispatch):
     @compiled
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return the residuals of the rows, (m,), m or rad; 0 of velocity constraints."""
+        """Return the residuals of the rows, (m,), m or rad; 0 for velocity constraints."""
         return self._call('constraint_residual', (q,), out, t)
 
     @compiled
@@ -359,7 +359,7 @@ class Configurations(Dispatch):
 
     @lazy_property
     def limits(self) -> JointLimits:
-        """Joint limits, initially those of the model."""
+        """Joint limits, initially the model's."""
         model = self.equations.model
         by_joint = np.empty((4, self.equations.tree.n))
         for k, joint in enumerate(model.coordinate_joints):

@@ -199,7 +199,7 @@ class Dispatch:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the moving joints, in the order of q but for quaternions."""
+        """Names of the moving joints, in the order of their entries in q."""
         return self.equations.model.joint_names
 
     @property

@@ -29,7 +29,7 @@ class FrameMethods(DynamicsMethods):
     def frame_velocity(self, frame: Frame, q: ArrayLike, u: ArrayLike, *,
                        t: ArrayLike = 0.0, axes: str = 'world',
                        out: Array | None = None) -> Array:
-        """Return the velocity of a frame, (6,): linear, angular; axes as of `jacobian`."""
+        """Return the velocity of a frame, (6,): linear, angular; axes as in `jacobian`."""
         velocity = self._at_frame('frame_velocity', frame, (q, u), out, t)
         self._turn(velocity[..., None], frame, q, axes)
         return velocity

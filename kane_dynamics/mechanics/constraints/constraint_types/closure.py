@@ -130,7 +130,7 @@ class Closure:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Return the names of the rows: those of position, then those of orientation."""
+        """Return the names of the rows: position, then orientation."""
         moves, turns = ROWS[self.kind]
         parts = [*moves, *(TURNS[turn] for turn in turns)]
         return tuple(f'{self.name}/{part}' for part in parts)
