@@ -378,7 +378,7 @@ class Equations:
 
     def load_friction(self, q: Vector, u: Vector, tau: Vector,
                       t: Scalar = 0.0) -> Vector:
-        """Return the friction due to motors' torques tau, (n,), in addition to `friction_force`."""
+        """Return the friction of motors with torques tau beyond `friction_force`, (n,)."""
         if not self.tree.carries_loads:
             return self.zeros
         motion = self.joint_motion(q, u, self.zeros, t)
