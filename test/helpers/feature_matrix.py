@@ -22,10 +22,10 @@ COLUMNS = (*KINDS, ELASTIC)
 # today.
 NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial "
           'parameters of a body, in which the regressor is linear.')
-NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic '
-            'mechanism, which depend on the path.')
+NO_SHAPE = ('The positions of some joints do not determine the positions of a '
+            'nonholonomic mechanism, which depend on the path.')
 BENDS = ('The deflections of beams follow from the load, and the motion of the joints '
-         'does not state them; `QuasiStatic` computes those in equilibrium.')
+         'does not state them; `QuasiStatic` computes them in equilibrium.')
 NO_SPLIT = ('Chosen speeds may mix the rates of joints and modes, and modes are in '
             'equilibrium alone.')
 NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bending=)` '
@@ -38,7 +38,7 @@ NO_ANGLE = ('The position of a ball joint is a rotation, which the points and sp
 NO_START = ('A trajectory does not state at which time of a function of time it starts.')
 NO_ROTATION = (
     'The position of a ball joint is a rotation, which joint states do not state.')
-SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a '
+SAME = ('Joint states and efforts belong to joints: chosen speeds would not change a '
         'message.')
 NO_JUMP = ('The torques of the fastest motion along a path jump, which springs do not '
            'transmit; `fastest` scales a SmoothMotion.')
