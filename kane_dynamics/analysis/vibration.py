@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.checks import finite_row, instance, names_of_joints
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.definition import kane

@@ -17,7 +17,7 @@ from kane_dynamics.analysis.linearization import admitted, Linearization
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (as_matrix, Parameter, ParameterSymbols,
                                                  scalar, symbolic_mechanism, unwrapped)
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.friction import refuse_load_friction

@@ -108,7 +108,7 @@ def _is_scalar(value: Any) -> bool:
 
 
 class Condition:
-    """Comparison of SymPy expressions, for `mechanics.algebra.dual.select`."""
+    """Comparison of SymPy expressions, for `mechanics.algebra.choice.select`."""
 
     def __init__(self, smaller: Any, larger: Any) -> None:
         """Store the two sides of smaller < larger."""

@@ -12,7 +12,7 @@ from kane_dynamics._util.checks import constant, names_of_joints, number, per_jo
 from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 import numpy as np
 from numpy.typing import ArrayLike
 

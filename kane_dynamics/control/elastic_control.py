@@ -27,7 +27,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.trajectory_feedforward import (FilledTrajectory, MOST_POINTS,
                                                           PROBES)
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.jet import Jet, moving_jets, series_of, value_of
+from kane_dynamics.mechanics.algebra.jet import Jet, moving, series_of, value_of
 from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides,
                                                               DriveSide,
                                                               elastic_inverse_dynamics,
@@ -163,7 +163,7 @@ class ElasticArm:
         # With damping, the spring lags: its rate is part of the torque.
         for side in self.sides:
             if side.drive.damping and self.robot.friction:
-                torque = moving_jets(*rows[:3, [side.link]])[0]
+                torque = moving(*rows[:3, [side.link]])[0]
                 command[:, side.link] = self._damped_command(side, motion, torque)
         return command
 

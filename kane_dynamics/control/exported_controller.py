@@ -13,7 +13,7 @@ from kane_dynamics.control.momentum_observer import (friction_beyond_speeds,
                                                      later_deflections, residual_step)
 from kane_dynamics.control.torque_limiter import within_effort, within_rates
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.model.elastic_model import require_rigid_joints

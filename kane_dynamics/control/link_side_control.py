@@ -26,7 +26,7 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.elastic_control import DERIVATIVES, derivatives_of
 from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, series_of,
+from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving, series_of,
                                                  value_of)
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -161,7 +161,7 @@ class LinkSideControl:
         for side, deflection, rate in zip(self._sides, deflections, rates, strict=True):
             gear_torques.append(_gear_torque(links, side, deflection, rate))
             spring_rates.append(spring_slope(side.drive, deflection) * rate)
-        of_gears = moving_jets(gear_torques, spring_rates)
+        of_gears = moving(gear_torques, spring_rates)
 
         # Acceleration of the links, then their jerk by the derivative of its equation.
         inertia = _Inertia(links, motion, parameters)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.traced_laws import motion_torque
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Flags, Scalar
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Scalar, Vector
 from kane_dynamics.control_cycle.cycle_results import NANO
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag
 
 # A message of torque_guard: number of the request that it answers, whether it commanded

@@ -28,7 +28,7 @@ from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FUTURE, NANO, N
                                                        STALE, WAITING)
 from kane_dynamics.control_cycle.state_judgement import (CheckSettings, judged,
                                                          state_memory_size, StateMemory)
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import (branch, changed_if, either, finite,
                                                    flag, packed)
 from kane_dynamics.robot.robot import Robot

@@ -24,7 +24,7 @@ from kane_dynamics.loop_tracking.loop_tracker import (DEVIATING, ILL_CONDITIONED
                                                       MeasuredJoints, search_places,
                                                       search_size, SearchRules,
                                                       UNKNOWN_MODE, unpacked_search)
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.robot.robot import Robot
 import numpy as np

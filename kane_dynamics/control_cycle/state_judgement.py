@@ -20,7 +20,7 @@ from kane_dynamics.control.torque_limiter import clipped
 from kane_dynamics.control_cycle.cycle_results import (ACCEPTED, FIRST, JUMP, NANO, NEVER,
                                                        NOT_FINITE, OUTSIDE, TOO_FAST,
                                                        UNEXPLAINED)
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import largest, select
+from kane_dynamics.mechanics.algebra.choice import largest, select
 from kane_dynamics.mechanics.algebra.spline import segment_coefficients
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.motion.free_spline import free_velocities

@@ -26,7 +26,7 @@ from kane_dynamics.feasibility.segment_peaks import (ACTIVE, limited_quantities,
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
-from kane_dynamics.mechanics.algebra.dual import largest
+from kane_dynamics.mechanics.algebra.choice import largest
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque, has_friction
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel

@@ -9,7 +9,7 @@ from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.segment_peaks import (ACTIVE, DENSE, MIDDLE, MotionStates,
                                                      QUANTITIES, require_finite_flags,
                                                      SegmentPeaks)
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.friction import has_dry_friction
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments

@@ -28,7 +28,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np

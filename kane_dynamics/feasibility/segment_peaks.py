@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import largest, select
+from kane_dynamics.mechanics.algebra.choice import largest, select
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot

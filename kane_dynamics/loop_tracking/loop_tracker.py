@@ -38,7 +38,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
                                                     SINGULAR, UNKNOWN)
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, finite, flag, packed
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import neutral, require_angles

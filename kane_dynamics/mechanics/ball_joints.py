@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.quaternion import (conjugate, exponential,
                                                         logarithm, normalized,
                                                         quaternion_product,

@@ -15,7 +15,8 @@ rates at v' = 0 follow by dual numbers.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
+from kane_dynamics.mechanics.algebra.choice import select
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.algebra.vector import cross, dot
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.equations import Equations

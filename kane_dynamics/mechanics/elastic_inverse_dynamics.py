@@ -23,8 +23,7 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import Dual
-from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving_jets, series_of
+from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving, series_of
 from kane_dynamics.mechanics.constraints.conditioning import guarded, margin
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MotionSeries
 from kane_dynamics.mechanics.constraints.transmission import (least_torques,
@@ -189,8 +188,8 @@ def elastic_inverse_dynamics(links: ElasticLinks, q: Vector, rates: Matrix,
     """
     tree = links.tree
     motion = links.motion(q, rates, t)
-    parameters = np.concatenate([moving_jets(*gravity), payload])
-    wrench_jets = None if wrenches is None else moving_jets(*wrenches)
+    parameters = np.concatenate([moving(*gravity), payload])
+    wrench_jets = None if wrenches is None else moving(*wrenches)
     rigid = tree.rigid_dynamics(motion.q, motion.qdot, motion.qddot, wrench_jets,
                                 parameters)
     # Friction may depend on what the actuators transmit.
@@ -259,8 +258,9 @@ def damped_step(tree: TreeEquations, sides: Sequence[DriveSide], before: Matrix,
         torque = rows[:3, k]
         delta = _stiff_start(drive, known, torque[0], h)
         for _ in range(NEWTON_STEPS):
-            dual = _pade_residual(drive, Dual(delta, 1.0), torque, h)
-            delta = delta - (dual.value - known) / dual.rate
+            residual = _pade_residual(drive, Jet((delta, 1.0)), torque, h)
+            value, slope = series_of(residual, 2)
+            delta = delta - (value - known) / slope
         _, rate, acceleration, _ = deflection_rates(drive, delta, torque)
         result[3:6, k] = link[:, k] + np.array([delta, rate, acceleration], dtype=object)
         load = drive.rotor_inertia * result[5, k] + result[0, k]

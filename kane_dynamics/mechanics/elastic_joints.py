@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.model.drive import (corner_integral, corner_ramp, corner_slope, Drive,
                                        StiffnessCurve)
 from kane_dynamics.model.model import Model

@@ -61,7 +61,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Scalar
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.model.model import Joint, Model
 import numpy as np

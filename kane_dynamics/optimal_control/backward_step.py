@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control.torque_limiter import clipped
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 import numpy as np
 

@@ -11,7 +11,7 @@ times the limit; a kink there costs many iterations.
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.linear_solve import solution
 from kane_dynamics.mechanics.ball_joints import chord, coordinate_rates, joint_speeds
 from kane_dynamics.mechanics.friction import refuse_load_friction

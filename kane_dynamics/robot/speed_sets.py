@@ -5,7 +5,7 @@ from functools import partial
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import moving
+from kane_dynamics.mechanics.algebra.jet import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described,
                                                               EXCESS, figure,
                                                               largest_residuals, loosened,

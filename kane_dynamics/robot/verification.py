@@ -6,7 +6,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError, ConstraintError, InputError
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.ball_joints import joint_positions, moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.definition import beams, kane, nonholonomic

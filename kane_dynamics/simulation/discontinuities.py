@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import magnitude, moving, rates, select, values
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape

@@ -8,7 +8,7 @@ also where these speeds do not determine the motion.
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.speeds import JOINT_RATES, speed_places
 from kane_dynamics.mechanics.integrators.held_joints import held_solution, linear_system

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
+from kane_dynamics.mechanics.algebra.choice import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS

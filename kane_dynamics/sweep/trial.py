@@ -24,7 +24,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import law_margin, law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths,
                                                               limits_of, loosened,

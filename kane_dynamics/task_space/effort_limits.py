@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kane_dynamics._util.typing import Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
+from kane_dynamics.mechanics.algebra.choice import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.lane_products import by_entries
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 

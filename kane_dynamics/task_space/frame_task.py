@@ -11,7 +11,7 @@ from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.lane_products import product, solutions, transpose
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors

@@ -31,7 +31,7 @@ from kane_dynamics.control.friction_error import (checked_friction_error,
                                                   friction_beyond, FrictionError,
                                                   values_of)
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.lane_products import product, transpose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin

@@ -23,7 +23,7 @@ from kane_dynamics._util.checks import finite_row, number, per_joint
 from kane_dynamics._util.fixed_attributes import guarded_class
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.native.python_call.entry import FIXED, KEYWORD, NUMBER

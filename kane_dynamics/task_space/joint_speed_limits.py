@@ -17,7 +17,7 @@ from typing import Any
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select, smallest
+from kane_dynamics.mechanics.algebra.choice import magnitude, select, smallest
 from kane_dynamics.mechanics.algebra.lane_products import by_entries, product
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.algebra.vector import is_zero

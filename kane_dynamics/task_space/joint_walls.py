@@ -12,7 +12,7 @@ from typing import Any
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.mechanics.algebra.lane_products import by_entries
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.native.tracing.program import Shape

@@ -20,7 +20,7 @@ is positive definite, so that D is, too.
 from typing import Any
 
 from kane_dynamics._util.typing import Array, Matrix, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 import numpy as np

@@ -6,7 +6,7 @@ from kane_dynamics._util.checks import shape_of
 from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, ORTHONORMAL
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.vector import cross
 from numpy.typing import ArrayLike
 

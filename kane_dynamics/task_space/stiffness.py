@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.lane_products import product
 from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.task_space.orientation_error import pose_difference

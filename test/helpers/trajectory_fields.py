@@ -10,7 +10,7 @@ law bounds.
 
 
 import energies
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane

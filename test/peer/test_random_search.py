@@ -16,7 +16,7 @@ from ball_trees import peer_of, random_ball_tree
 from kane_dynamics import (absolute_rates, Coupling, Drive, Robot, simulate,
                            StiffnessCurve, with_drives)
 from kane_dynamics.errors import KaneError, ModelWarning
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.ball_joints import moved, neutral
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane, nonholonomic

@@ -5,7 +5,7 @@ from dataclasses import replace
 from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars,
                                rolling_disc, rolling_pair, ROLLING_TESTED, states, T,
                                tree, two_bodies_on_a_base)
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism

@@ -6,7 +6,7 @@ from examples.flexible_four_bar import flexible_four_bar
 from hyperdual_derivatives import slopes_of_definition
 from kane_dynamics import (ball, ConstraintError, FlexibleLink, Inertial, InputError,
                            ModelBuilder, Prescribed, Robot, rod, Speeds)
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.native.tracing.program import evaluate
 from kane_dynamics.native.tracing.subroutine import inlined
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import energies
 from kane_dynamics import box, Drive, ModelBuilder, Robot, StiffnessCurve, with_drives
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import spring_torque
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes

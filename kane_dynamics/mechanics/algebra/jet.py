@@ -1,6 +1,9 @@
 """
 Jets: a scalar with its first time derivatives, over any scalar type.
 
+This is forward-mode automatic differentiation by time; jets of order one are dual
+numbers. Coefficients may be numbers, traced values or symbols.
+
 A `Jet` holds the coefficients c_k = x^(k) / k! of a truncated Taylor series x(t + s) =
 sum c_k s^k. Arithmetic on jets is that of the series, so that a function traced once on
 jets yields its value and its time derivatives. Of a product, the k-th coefficient is the
@@ -81,22 +84,7 @@ class Jet:
     def __pow__(self, exponent: Any) -> Any:
         if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        if exponent == 0:
-            return 1.0
-        if exponent == 1:
-            return self
-        # y = x^p: x y' = p x' y.
-        power = float(exponent)
-        # By coefficients: k x_0 y_k = sum over i of (p i - (k - i)) x_i y_(k-i).
-        x = self.c
-        y = [x[0] ** exponent]
-        for k in range(1, len(x)):
-            total: Scalar = 0.0
-            for i in range(1, k + 1):
-                weight = power * i - (k - i)
-                total = total + weight * _times(x[i], y[k - i])
-            y.append(total / (k * x[0]))
-        return jet(y)
+        return jet(_power_series(self.c, exponent))
 
     def __lt__(self, other: Any) -> Any:
         return self.c[0] < value_of(other)
@@ -163,17 +151,22 @@ def jet(coefficients: Series) -> Scalar:
     return Jet(coefficients)
 
 
-def moving_jets(*derivatives: Any) -> Any:
-    """Return an array of jets from arrays of values, first, second ... derivatives."""
+def moving(*derivatives: Any) -> Any:
+    """
+    Return jets from values, first, second ... derivatives: arrays, or scalars.
+
+    Those of values and rates alone are dual numbers: value and rate of a function are
+    those of its result.
+    """
     arrays = [np.asarray(array, dtype=object) for array in derivatives]
     result = np.empty(arrays[0].shape, dtype=object)
     for k in np.ndindex(result.shape):
         # c_k = x^(k) / k!.
-        coefficients = []
-        for order, array in enumerate(arrays):
+        coefficients = [array[k] for array in arrays[:2]]
+        for order, array in enumerate(arrays[2:], 2):
             coefficients.append(array[k] * (1.0 / math.factorial(order)))
         result[k] = jet(coefficients)
-    return result
+    return result if result.shape else result[()]
 
 
 def series_array(terms: Sequence[Any]) -> Any:
@@ -198,6 +191,35 @@ def term(array: Any, order: int) -> Any:
     return result
 
 
+def values(array: Any) -> Any:
+    """Return the values of an array of scalars, some of which may be jets."""
+    return _as_floats(term(array, 0))
+
+
+def rates(array: Any) -> Any:
+    """Return the time derivatives of an array of scalars; zero if they are no jets."""
+    return _as_floats(term(array, 1))
+
+
+def _as_floats(array: Any) -> Any:
+    """Return an array of scalars as floats where all are."""
+    try:
+        return array.astype(np.float64)
+    except TypeError:  # traced values and symbols are not converted
+        return array
+
+
+def terms(x: Scalar, order: int) -> list[Scalar]:
+    """Return the parts of a scalar that are its Taylor terms of an order (0: value)."""
+    if not isinstance(x, Jet):
+        return [] if order else [x]
+    # In nested jets, the orders of both add up.
+    parts = []
+    for k, coefficient in enumerate(x.c[:order + 1]):
+        parts.extend(terms(coefficient, order - k))
+    return parts
+
+
 def derivative(array: Any, order: int) -> Any:
     """Return the time derivatives of an order (0: values) of an array of scalars."""
     return term(array, order) * float(math.factorial(order))
@@ -213,15 +235,6 @@ def series_of(x: Scalar, length: int) -> Series:
     if isinstance(x, Jet):
         return x.c
     return [x, *[0.0] * (length - 1)]
-
-
-def chosen(condition: Any, x: Scalar, y: Scalar, select: Callable[..., Any]) -> Scalar:
-    """Return the jet x where a condition of traced values holds, else y."""
-    length = max(len(z.c) for z in (x, y) if isinstance(z, Jet))
-    coefficients = []
-    for a, b in zip(series_of(x, length), series_of(y, length)):
-        coefficients.append(select(condition, a, b))
-    return jet(coefficients)
 
 
 def _times(a: Scalar, b: Scalar) -> Scalar:
@@ -272,9 +285,9 @@ def _sine_and_cosine(x: Series) -> tuple[list[Scalar], list[Scalar]]:
         sine: Scalar = 0.0
         cosine: Scalar = 0.0
         for i in range(1, k + 1):
-            weight = i / k
-            sine = sine + _times(c[k - i], weight * x[i])
-            cosine = cosine - _times(s[k - i], weight * x[i])
+            share = _share(i, k, x[i])
+            sine = sine + _times(c[k - i], share)
+            cosine = cosine - _times(s[k - i], share)
         s.append(sine)
         c.append(cosine)
     return s, c
@@ -289,16 +302,42 @@ def _integrated(x: Series, value: Scalar,
         rate = slope(y)  # of the terms known so far
         total: Scalar = 0.0
         for i in range(1, k + 1):
-            total = total + (i / k) * _times(rate[k - i], x[i])
+            total = total + _share(i, k, _times(rate[k - i], x[i]))
         y.append(total)
     return y
 
 
 def _rate(x: Series) -> list[Scalar]:
     """Return the series of the time derivative, one term shorter."""
-    return [float(k) * x[k] for k in range(1, len(x))]
+    return [x[1], *[float(k) * x[k] for k in range(2, len(x))]]
 
 
 def _from_rate(value: Scalar, rate: Series) -> list[Scalar]:
     """Return the series with a value and a rate."""
-    return [value, *[r * (1.0 / k) for k, r in enumerate(rate, 1)]]
+    return [value, rate[0], *[r * (1.0 / k) for k, r in enumerate(rate[1:], 2)]]
+
+
+def _share(i: int, k: int, x: Scalar) -> Scalar:
+    """Return i / k of a scalar."""
+    return x if i == k else (i / k) * x
+
+
+def _power_series(x: Series, exponent: Any) -> list[Scalar]:
+    """Return the series of a power."""
+    # x^0 is the constant 1, also at 0, where the slope below would not be finite.
+    if exponent == 0:
+        return [1.0, *[0.0] * (len(x) - 1)]
+    value = _power(x[0], exponent)
+    if len(x) == 1:
+        return [value]
+    # y' = p x^(p - 1) x', where x^(p - 1) is needed to one order less.
+    slope = [exponent * y for y in _power_series(x[:-1], exponent - 1)]
+    return _from_rate(value, _product(slope, _rate(x)))
+
+
+def _power(x: Scalar, exponent: Any) -> Scalar:
+    """Return a power; NaN for a negative base with a non-integer exponent."""
+    if isinstance(x, float | int):
+        with np.errstate(all='ignore'):
+            return np.float64(x) ** exponent
+    return x ** exponent

@@ -12,7 +12,7 @@ import operator
 from typing import Any
 
 from kane_dynamics._util.typing import Scalar
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 

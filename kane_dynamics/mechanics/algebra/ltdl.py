@@ -10,7 +10,7 @@ arithmetic.
 from collections.abc import Container, Sequence
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 

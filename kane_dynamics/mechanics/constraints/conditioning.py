@@ -18,7 +18,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints import ConstraintRows, Rolling
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism

@@ -25,8 +25,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
-from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.algebra.jet import Jet, moving_jets, series_array, term
+from kane_dynamics.mechanics.algebra.jet import Jet, moving, rates, series_array, term
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, coordinate_rates,
                                                  joint_positions)
@@ -616,7 +615,7 @@ class Mechanism:
                     change = change + S_terms[i] @ T_terms[order - i]
                 T_terms.append(-(S_inverse @ change))
         if self.in_joint_speeds:
-            accelerations = moving_jets(*rates[1:])
+            accelerations = moving(*rates[1:])
         else:
             accelerations = series_array([joint_rates[k] * float(k)
                                           for k in range(1, count)])

@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra import linear_solve
-from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.elastic_joints import damping_torque, drive_forces

@@ -14,7 +14,7 @@ integrator; it is zero in an exact motion, and so changes no order.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.algebra.choice import magnitude, select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.contacts import ContactRows
 from kane_dynamics.mechanics.integrators.held_joints import LinearSystem, REGULAR, Solution

@@ -20,7 +20,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
                                                  free_bodies, joint_positions, rotations)

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control_cycle.cycle_results import NEVER
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.flags import branch, either, flag, packed
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.modes.pose_functions import displaced, displacement

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.quaternion import rotation_matrix
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.orientation_error import half_turn_quaternion

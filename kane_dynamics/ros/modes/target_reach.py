@@ -7,7 +7,7 @@ an impedance makes too. A pose that only another branch reaches counts as out of
 """
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.robot_function import identifier

@@ -1,7 +1,7 @@
 """Every misuse of speeds and constraints is refused by name, inverses are exact."""
 
 from kane_dynamics import ConstraintError, InputError, ModelBuilder, Robot
-from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.algebra.linear_solve import inverse
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
                                                  PointVelocity, Prescribed, Rolling)

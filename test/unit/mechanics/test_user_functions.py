@@ -5,7 +5,7 @@ import math
 from hyperdual import seeded
 from kane_dynamics import (ConstraintError, ModelBuilder, Motion, point_mass, Prescribed,
                            Robot)
-from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
 from kane_dynamics.mechanics.constraints import DependentSpeeds, PointVelocity

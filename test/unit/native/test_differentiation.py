@@ -2,7 +2,8 @@
 
 from hyperdual import HyperDual
 from kane_dynamics import Robot
-from kane_dynamics.mechanics.algebra.dual import moving, rates, select
+from kane_dynamics.mechanics.algebra.choice import select
+from kane_dynamics.mechanics.algebra.jet import moving, rates
 from kane_dynamics.native.backends.llvm_scalar import ARITHMETIC, ELEMENTARY
 from kane_dynamics.native.tracing import differentiation
 from kane_dynamics.native.tracing.differentiation import (forward, jacobian, reverse,

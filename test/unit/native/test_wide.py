@@ -1,6 +1,6 @@
 """Traced lanes compute what the same operations on numbers give."""
 
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.choice import select
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
     ConstraintRows, Geometry, positive, triad, unit)

@@ -8,7 +8,7 @@ from typing import Any
 
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError, KaneError
-from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.jet import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
