@@ -76,9 +76,9 @@ def kernel_and_rows(robot: Robot, what: str,
     """Return a quantity's kernel, Jacobians at the last joint, and its arguments."""
     if what == 'partial_velocities':
         last = robot.model.bodies[depth_first(robot.model)[-1]].name
-        kernel = robot.kernels.at_frame(what, last)
+        kernel = robot.kernels.kernel(what, last)
     else:
-        kernel = robot.kernels.quantity(what)
+        kernel = robot.kernels.kernel(what)
     by_name = dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]}
     return kernel, [by_name[argument.name] for argument in kernel.arguments]
 

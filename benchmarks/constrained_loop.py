@@ -48,7 +48,7 @@ def costs(name: str) -> list[Race]:
     q = rng.uniform(-1.0, 1.0, (STATES, model.n))
     for what, robot in robots.items():
         u, tau = rng.uniform(-1.0, 1.0, (2, STATES, robot.n))
-        loops[what] = kernel_loop(robot.kernels.quantity('forward_dynamics'),
+        loops[what] = kernel_loop(robot.kernels.kernel('forward_dynamics'),
                                   {'q': q, 'u': u, 'tau': tau})
     timing = interleaved(loops)
     return [Race(name, robot.n, f'forward dynamics under {what}', PLAIN,
@@ -93,7 +93,7 @@ def watch_costs() -> list[Race]:
             buffer[0, 0, state_layout(robot).v] = robot.joint_rates(q, u)
             loops[f'step {what}'] = partial(source.advance, buffer, 0)
             loops[f'dynamics {what}'] = kernel_loop(
-                one.kernels.quantity('forward_dynamics'),
+                one.kernels.kernel('forward_dynamics'),
                 {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),
                  'tau': np.tile(u, (STATES, 1))})
             loops[f'calls {what}'] = partial(call_each, one, q, u)
@@ -134,9 +134,9 @@ def closures() -> list[Race]:
         'closure': kernel_loop(tracking_kernel(robot, tracker.places), {
             'q': last, 'T': T, 'measured': measured[1:], 'rates': u, 'seen': q,
             'weights': np.ones_like(q)}),
-        'dynamics': kernel_loop(robot.kernels.quantity('inverse_dynamics'),
+        'dynamics': kernel_loop(robot.kernels.kernel('inverse_dynamics'),
                                 {'q': q, 'u': u, 'udot': 0.0 * u}),
-        'tree': kernel_loop(tree.kernels.quantity('inverse_dynamics'), {
+        'tree': kernel_loop(tree.kernels.kernel('inverse_dynamics'), {
             'q': q, 'u': robot.joint_rates(q, u),
             'udot': robot.joint_accelerations(q, u, 0.0 * u)})}
 

@@ -42,9 +42,9 @@ def races(folder: Path) -> list[tuple[str, str, list[float]]]:
         kernels = [*DEFAULT_KERNELS, f'jacobian:{frame}', f'frame_pose:{frame}']
         source, _ = robot.export_c(folder / f'{name}.c', kernels)
         symbols = {kernel: f'{name}_{kernel.replace(":", "_")}' for kernel in kernels}
-        native = {kernel: robot.kernels.at_frame(
+        native = {kernel: robot.kernels.kernel(
             'partial_velocities' if kernel.startswith('jac') else 'frame_pose', frame)
-            if ':' in kernel else robot.kernels.quantity(kernel) for kernel in kernels}
+            if ':' in kernel else robot.kernels.kernel(kernel) for kernel in kernels}
         loops = [LOOP.format(name=symbol, arguments=', '.join(
             f'p[{k}]' for k in range(len(native[kernel].arguments) + 2)))
             for kernel, symbol in symbols.items()]

@@ -87,7 +87,7 @@ def compare(name: str, machine: Machine, quantity: str, what: str) -> list[Race]
         expected = machine.accelerations(expected)
     rows = {'q': machine.q, 'u': machine.u, 'udot': machine.x, 'tau': machine.x}
     loops: dict[str, Callable[[], object]] = {
-        'ours': kernel_loop(robot.kernels.quantity(quantity), rows)}
+        'ours': kernel_loop(robot.kernels.kernel(quantity), rows)}
     for compiler in compilers():
         for settings in SETTINGS if closed else SETTINGS[:1]:
             peer = Peer(machine, x, compiler, settings)

@@ -116,7 +116,7 @@ def random_states(robot: Robot, count: int) -> np.ndarray:
 
 def check(robot: Robot, peer: Pinocchio, what: str, states: np.ndarray) -> None:
     """Raise unless both give the same numbers at a few states."""
-    kernel = robot.kernels.quantity(what)
+    kernel = robot.kernels.kernel(what)
     arguments = {'q': 0, 'u': 1, 'udot': 2, 'tau': 2}
     for i in range(5):
         ours = np.asarray(
@@ -151,14 +151,14 @@ def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]
             for k in range(10):
                 blocks.append(10 * i + k)
         return [(0, peer.columns), (1, blocks)]
-    shape = robot.kernels.quantity(what).shape
+    shape = robot.kernels.kernel(what).shape
     return [(axis, peer.columns) for axis, size in enumerate(shape)
             if len(shape) < 3 or axis > 0]
 
 
 def our_loop(robot: Robot, what: str, states: np.ndarray) -> Callable[[], None]:
     """Return a call that runs a kernel natively over all states, each over the last."""
-    return kernel_loop(robot.kernels.quantity(what),
+    return kernel_loop(robot.kernels.kernel(what),
                        dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]})
 
 

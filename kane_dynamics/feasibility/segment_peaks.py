@@ -156,7 +156,7 @@ class SegmentPeaks:
         if self._states is not None:
             return self._states(q, u[:, self.driving], udot[:, self.driving])[3]
         tau = np.empty((len(q), self.n))
-        kernel = self._robot.kernels.quantity('inverse_dynamics')
+        kernel = self._robot.kernels.kernel('inverse_dynamics')
         require_finite_flags(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
         return tau
 

@@ -278,8 +278,9 @@ def deflection_rates(drive: Drive, delta: Scalar, torque: Vector) -> list[Scalar
     series = [delta]
     for order in range(ORDER + 1):
         # The coefficients known so far, as a jet, give that of k of this order.
-        moving = Jet(series) if order else delta
-        spring = series_of(spring_torque(drive, moving), order + 1)[order]
+        spring = spring_torque(drive, Jet(series) if order else delta)
+        if order:
+            spring = series_of(spring, order + 1)[order]
         coefficient = torque[order] * (1.0 / math.factorial(order)) - spring
         series.append(coefficient * (1.0 / (drive.damping * (order + 1))))
     return [x * float(math.factorial(k)) for k, x in enumerate(series)]

@@ -256,14 +256,6 @@ class KernelSet:
         analytic = self.equations.in_joint_rates and name in ANALYTIC
         return analytic or hasattr(self.equations, name)
 
-    def quantity(self, name: str) -> Kernel:
-        """Return the kernel of one of `names`; InputError for another name."""
-        return self.kernel(name)
-
-    def at_frame(self, name: str, frame: At) -> Kernel:
-        """Return the kernel of a quantity of frames; InputError for an unknown one."""
-        return self.kernel(name, frame)
-
     def parts(self, name: str) -> tuple[ResultPart, ...] | None:
         """Return the arrays into which a method divides the result of its kernel."""
         if name not in ANALYTIC:
@@ -279,10 +271,6 @@ class KernelSet:
             parts.append(ResultPart((n, columns), start, n, columns, shape[1]))
             start += columns
         return tuple(parts)
-
-    def reaction(self, joint: str) -> Kernel:
-        """Return the kernel of a joint reaction; InputError for an unknown joint."""
-        return self.kernel('joint_reaction', joint)
 
     def kernel(self, name: str, at: At = '',
                derivative: Derivative | None = None) -> Kernel:

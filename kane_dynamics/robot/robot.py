@@ -29,6 +29,7 @@ from kane_dynamics.model.model import Inertial, Model, with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
+from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.framework_methods import FrameworkMethods
 from kane_dynamics.robot.parameters import checked_limits, JointLimits, Parameters
@@ -39,6 +40,9 @@ import numpy as np
 __all__ = ['Robot', 'TORQUE_TERMS']
 
 CLOSURE_TOLERANCE = 1e-4  # lengths of the mechanism, and rad
+# Attributes that variants of a robot share.
+SHARED = ('_options', '_choices', 'model', 'friction', '_bare', '_carried', 'speed_sets',
+          'parameters')
 
 
 class Robot(FrameworkMethods, Configurations):
@@ -179,12 +183,12 @@ class Robot(FrameworkMethods, Configurations):
                                             redundant=redundant), key, self.parameters)
         self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
         self.equations = self.kernels.equations
-        self._others: dict[tuple[str, ...], Self] = {}  # with other wrench frames
-        self._entries: dict[Any, Any] = {}  # from here on, attributes cannot be assigned
+        # Robots with other wrench frames. From here on, attributes cannot be assigned.
+        self._others: dict[tuple[str, ...], Self] = {}
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise AttributeError for all attributes but `limits`."""
-        if '_entries' in self.__dict__ and name != 'limits':
+        if '_others' in self.__dict__ and name != 'limits':
             raise AttributeError(refused(self, name, (*self._choices, *self._options)))
         if name == 'limits':
             if not isinstance(value, JointLimits):
@@ -231,19 +235,21 @@ class Robot(FrameworkMethods, Configurations):
         For use in another thread, with another payload or gravity, without compiling
         again.
         """
-        other = object.__new__(type(self))
-        for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried'):
-            setattr(other, name, getattr(self, name))
         # Kernels keep their machine code and read the copy's parameters.
-        other.parameters = self.parameters.copy()
-        other.speed_sets = self.speed_sets.with_parameters(other.parameters)
-        other.kernels = other.speed_sets.kernels(self.mechanism.free,
-                                                 self.mechanism.kept)
-        other.equations = other.kernels.equations
-        # What belongs to one robot: entries of calls, robots with other frames, limits.
-        other._others = {}
+        parameters = self.parameters.copy()
+        speed_sets = self.speed_sets.with_parameters(parameters)
+        kernels = speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
+        other = self._variant(kernels, parameters=parameters, speed_sets=speed_sets)
         other.limits = self.limits  # a copy
-        other._entries = {}
+        return other
+
+    def _variant(self, kernels: KernelSet, **changed: Any) -> Self:
+        """Return the robot with other kernels and other attributes, without a copy."""
+        other = object.__new__(type(self))
+        for name in SHARED:
+            vars(other)[name] = changed.get(name, getattr(self, name))
+        # What belongs to one robot: entries of calls, and robots with other frames.
+        vars(other).update(kernels=kernels, equations=kernels.equations, _others={})
         return other
 
     def with_payload(self, frame: str, payload: Inertial | None) -> Robot:
@@ -279,11 +285,9 @@ class Robot(FrameworkMethods, Configurations):
             model = self._bare
             for other_frame, load in carried.items():
                 model = with_payload(model, other_frame, load)
-            robot = Robot(model, **{**self.options, 'payload_frame': frame})
-            # The robot is not in use yet, so that its attributes may still change.
-            robot.__dict__.update(_bare=self._bare, _carried=carried)
-            robot.limits = self.limits
-            robot.parameters.gravity = self.parameters.gravity
+            robot = _restored(model, {**self.options, 'payload_frame': frame},
+                              self.parameters.gravity, None, self.limits, self._bare,
+                              carried)
         robot.parameters.payload = payload
         return robot
 
@@ -434,17 +438,9 @@ def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
     kernels = robot.speed_sets.kernels(free, kept)
     if kernels is robot.kernels:
         return robot
-    # The same object but for the kernels: no copy of the model or the parameters.
-    other = object.__new__(type(robot))
-    for name in ('_options', 'model', 'friction', '_bare', '_carried', 'speed_sets',
-                 'parameters'):
-        setattr(other, name, getattr(robot, name))
-    other._choices = {**robot._choices, 'independent': kernels.equations.speed_names}
-    other.kernels = kernels
-    other.equations = kernels.equations
-    other._others = {}
-    other.__dict__['limits'] = robot.limits  # the same arrays
-    other._entries = {}
+    choices = {**robot._choices, 'independent': kernels.equations.speed_names}
+    other = robot._variant(kernels, _choices=choices)
+    vars(other)['limits'] = robot.limits  # the same arrays
     return other
 
 
@@ -478,7 +474,8 @@ def _restored(model: Model, options: dict[str, Any], gravity: Array,
               carried: dict[str, Inertial]) -> Robot:
     # Gravity, payload and limits are no options: they may have changed since.
     robot = Robot(model, **options)
-    robot.__dict__.update(_bare=bare, _carried=carried)
+    # The robot is not in use yet, so that its attributes may still change.
+    vars(robot).update(_bare=bare, _carried=carried)
     if limits is not None:
         robot.limits = limits
     robot.parameters.gravity = gravity

@@ -140,7 +140,7 @@ class Workspace(entry.NativeMethods):
         if name not in FRAME_QUANTITIES:
             raise InputError(f"no frame quantity '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
-        return self._bound_at(self._kernels.at_frame(name, frame), frame)
+        return self._bound_at(self._kernels.kernel(name, frame), frame)
 
     def reaction(self, joint: str) -> Callable[[], Any]:
         """
@@ -153,17 +153,17 @@ class Workspace(entry.NativeMethods):
 
         """
         _require_name(joint, 'joint', 'a joint')
-        return self._bound_at(self._kernels.reaction(joint), joint)
+        return self._bound_at(self._kernels.kernel('joint_reaction', joint), joint)
 
     def _function(self, name: str) -> Callable[[], Any]:
         """Return a quantity as a bound function."""
         if (name, '') not in self._at:
-            self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
+            self._at[name, ''] = self._bound(self._kernels.kernel(name), DOCS[name])
         return self._at[name, '']
 
     def _table(self, name: str) -> EntryTable:
         """Return the entry table of a quantity on the memory of this workspace."""
-        kernel = self._kernels.quantity(name)
+        kernel = self._kernels.kernel(name)
         table: EntryTable = kernel.table(*self._memory(kernel))
         # Another thread may have been faster.
         table = self._owned.setdefault(name, table)

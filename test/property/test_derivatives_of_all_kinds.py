@@ -271,7 +271,7 @@ def test_second_derivatives_are_those_of_the_first():
     q, u, udot = state_of('closed loop')
     name = 'inverse_dynamics_derivatives'
     h = 1e-5
-    w = np.zeros(robot.kernels.quantity(name).shape)
+    w = np.zeros(robot.kernels.kernel(name).shape)
     w[0, 1] = 1.0  # dtau/dq_1
     by_q, by_u, _ = robot.vjp(name, w, q, u, udot)
     for k, step in enumerate(h * np.eye(3)):

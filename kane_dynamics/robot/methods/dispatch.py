@@ -15,7 +15,7 @@ from kane_dynamics.native.python_call.entry import chooser
 from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.kernel_set import KernelSet
+from kane_dynamics.robot.kernel_set import At, KernelSet
 import numpy as np
 
 Method = TypeVar('Method', bound=Callable[..., Any])
@@ -28,10 +28,23 @@ LACKING = {'forward_dynamics', 'inverse_mass_matrix', 'forward_dynamics_derivati
 
 
 class _Compiled:
-    """A method that the first access replaces by the entry point of its kernel."""
+    """
+    A method that the first access replaces by entry points of machine code.
 
-    def __init__(self, checked: Callable[..., Any]) -> None:
+    Parameters
+    ----------
+    checked : callable
+        The method: its body serves calls that an entry point does not.
+    parted : str, optional
+        The quantity of a frame, frames or a joint, which the first argument names. Each
+        has an entry point from its second call on. By default the method has one kernel,
+        of its name, if the robot has that quantity.
+
+    """
+
+    def __init__(self, checked: Callable[..., Any], parted: str | None = None) -> None:
         self.checked = checked
+        self.parted = parted
         self.__doc__ = checked.__doc__
 
     def __get__(self, robot: Dispatch | None, owner: type | None = None) -> Any:
@@ -39,12 +52,27 @@ class _Compiled:
             return self.checked
         name = self.checked.__name__
         function: Any = self.checked.__get__(robot)
-        if name in robot.kernels.names:  # else it is of several kernels, or an error
+        if self.parted is not None:
+            function = self._of_parts(robot, self.parted)
+        elif name in robot.kernels.names:  # else it is of several kernels, or an error
             kernel = robot.kernels.kernel(name)
             parts = robot.kernels.parts(name)
             function = kernel.entry(self.checked.__doc__ or '', function, parts)
         robot.__dict__[name] = function
         return function
+
+    def _of_parts(self, robot: Dispatch, quantity: str) -> Callable[..., Any]:
+        """Return a function that calls the entry point of its first argument."""
+        entries: dict[Any, Callable[..., Any]] = {}
+
+        def first(*values: Any, **named: Any) -> Any:
+            result = self.checked(robot, *values, **named)
+            if values and type(values[0]) in (str, tuple) and values[0] not in entries:
+                kernel = robot.kernels.kernel(quantity, values[0])
+                entries[values[0]] = kernel.entry('', partial(self.checked, robot,
+                                                              values[0]))
+            return result
+        return chooser(self.checked.__name__, self.checked.__doc__ or '', entries, first)
 
 
 def compiled(method: Method) -> Method:
@@ -52,41 +80,9 @@ def compiled(method: Method) -> Method:
     return _Compiled(method)  # type: ignore[return-value]
 
 
-class _CompiledParts:
-    """A method that the first access replaces by one entry point for all its parts."""
-
-    def __init__(self, checked: Callable[..., Any], quantity: str) -> None:
-        self.checked = checked
-        self.quantity = quantity
-        self.__doc__ = checked.__doc__
-
-    def __get__(self, robot: Dispatch | None, owner: type | None = None) -> Any:
-        if robot is None:
-            return self.checked
-        entries: dict[Any, Callable[..., Any]] = {}
-
-        def first(*values: Any, **named: Any) -> Any:
-            result = self.checked(robot, *values, **named)
-            # Later calls use the entry point of the part's kernel.
-            if values and type(values[0]) in (str, tuple) and values[0] not in entries:
-                kernel = robot.kernels.kernel(self.quantity, values[0])
-                entries[values[0]] = kernel.entry('', partial(self.checked, robot,
-                                                              values[0]))
-            return result
-        name = self.checked.__name__
-        function = chooser(name, self.checked.__doc__ or '', entries, first)
-        robot.__dict__[name] = function
-        return function
-
-
 def of_frame(quantity: str) -> Callable[[Method], Method]:
-    """
-    Return a decorator of a method whose first argument is a frame, frames, or a joint.
-
-    The method calls the entry point of its kernel, or else its body: for the first call,
-    and for other arguments than its positional ones.
-    """
-    return partial(_CompiledParts, quantity=quantity)  # type: ignore[return-value]
+    """Return a decorator of a method whose first argument is a frame, frames, or a joint."""
+    return partial(_Compiled, parted=quantity)  # type: ignore[return-value]
 
 
 def of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
@@ -104,10 +100,10 @@ class Dispatch:
     kernels: KernelSet
 
     def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None,
-              t: Any = 0.0) -> Array:
-        """Call the kernel of a quantity without wrenches."""
-        result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t),
-                                                    out=out)
+              t: Any = 0.0, at: At = '') -> Array:
+        """Call the kernel of a quantity, `at` a frame, frames or a joint."""
+        kernel = self.kernels.kernel(name, at)
+        result: Array = kernel(*self._at_time(arguments, t), out=out)
         return result
 
     def _loaded(self, name: str, arguments: tuple[Any, ...], wrench: Any,
@@ -120,8 +116,7 @@ class Dispatch:
         """
         if isinstance(wrench, Mapping):
             robot, rows = self._under(wrench)
-            result: Array = robot._loaded(name, arguments, rows, out, t, at)
-            return result
+            return robot._loaded(name, arguments, rows, out, t, at)
         frames = len(self.equations.wrench_frames)
         if frames:
             # A single wrench stands for all states and for the one frame.
@@ -136,8 +131,7 @@ class Dispatch:
                              'expected '
                              'a mapping {frame: wrench}, or Robot(..., '
                              'wrench_frames=[...])')
-        result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
-        return result
+        return self._call(name, given, out, t, at)
 
     def _under(self, wrenches: Mapping[str, Any]) -> tuple[Self, Array | None]:
         """Return a robot that declares the frames of wrenches, and its argument."""
@@ -183,9 +177,7 @@ class Dispatch:
             raise InputError(f'frame: a {type(frame).__name__}; expected a name (str) or '
                              'a sequence of names: the order is (frame, q)')
         assert isinstance(at, str | tuple)
-        result: Array = self.kernels.at_frame(name, at)(*self._at_time(arguments, t),
-                                                        out=out)
-        return result
+        return self._call(name, arguments, out, t, at)
 
     @property
     def n(self) -> int:
@@ -244,7 +236,7 @@ class Dispatch:
     def _compile(self, name: str, batches: bool, is_named: bool) -> None:
         may_lack = name in LACKING and not is_named
         with suppress(*((ModelError, InputError) if may_lack else ())):
-            kernel = self.kernels.quantity(name)
+            kernel = self.kernels.kernel(name)
             kernel.compile_entry()
             if batches:
                 kernel.compile_lanes()

@@ -556,7 +556,7 @@ class DynamicsMethods(Dispatch):
     def _matrices(self, name: str, arguments: tuple[Any, ...], t: Any) -> Matrices:
         """Return the three matrices of a kernel that has all of them."""
         result = self._call(name, arguments, None, t)
-        if len(self.kernels.quantity(name).shape) == 3:
+        if len(self.kernels.kernel(name).shape) == 3:
             return result[..., 0, :, :], result[..., 1, :, :], result[..., 2, :, :]
         n_q, n = self.n_q, self.n
         return result[..., :n_q], result[..., n_q:n_q + n], result[..., n_q + n:]

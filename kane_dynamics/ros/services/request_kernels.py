@@ -31,7 +31,7 @@ POLL = 0.05  # s; requests that wait may be cancelled
 def shared_copy(robot: Robot) -> Robot:
     """Return a copy of a robot that shares the code of all quantities, once compiled."""
     for name in robot.kernels.names:
-        robot.kernels.quantity(name)
+        robot.kernels.kernel(name)
     return robot.copy()
 
 

@@ -58,7 +58,7 @@ import threading
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import loops
 robot = Robot(MODEL)
-kernel = robot.kernels.quantity('inverse_dynamics')
+kernel = robot.kernels.kernel('inverse_dynamics')
 kernel.compile()
 vars(loops.SOURCE).pop('code', None)
 loops._repeat.cache_clear()

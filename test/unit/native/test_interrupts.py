@@ -63,7 +63,7 @@ def interrupt(call, first, interval=0.0):
 
 def repeated_batch(robot, out, steps):
     """Compute forward dynamics of random states many times, as a batch of long work."""
-    kernel = robot.kernels.quantity('forward_dynamics')
+    kernel = robot.kernels.kernel('forward_dynamics')
     inputs = np.random.default_rng(0).normal(size=(3, len(out), N))
     parameters = robot.parameters.block.copy()
     rows = [*(Strided(x.ctypes.data, x.strides[0]) for x in inputs),

@@ -67,7 +67,7 @@ def check(robot, library, prefix, kernels):
     """Hold every kernel against the library at random states."""
     rng = np.random.default_rng(1)
     for name in kernels:
-        kernel = robot.kernels.quantity(name)
+        kernel = robot.kernels.kernel(name)
         function = getattr(library, f'{prefix}_{name}')
         for _ in range(20):
             inputs = [rng.uniform(-2.0, 2.0, a.shape) for a in kernel.arguments]
@@ -339,7 +339,7 @@ def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
     for _ in range(20):
         inputs = rng.uniform(-1.0, 1.0, (3, robot.n)).astype(np.float32)
         result = np.empty(robot.n, np.float32)
-        extra = [None] * (len(robot.kernels.quantity('inverse_dynamics').arguments) - 2)
+        extra = [None] * (len(robot.kernels.kernel('inverse_dynamics').arguments) - 2)
         library.arm_inverse_dynamics(
             *(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
               for x in (*inputs, *extra, result)))

@@ -117,7 +117,7 @@ def test_overflow_is_an_error_and_not_a_torque():
 def test_verify_finds_a_wrong_kernel():
     robot = Robot(random_model(1, 3))
     other_robot = Robot(random_model(2, 3))
-    robot.kernels._made['mass_matrix', ''] = other_robot.kernels.quantity('mass_matrix')
+    robot.kernels._made['mass_matrix', ''] = other_robot.kernels.kernel('mass_matrix')
     with pytest.raises(CompileError, match='mass_matrix: relative error'):
         robot.verify()
 
