@@ -147,7 +147,7 @@ def test_compile_leaves_out_what_a_robot_lacks_unless_it_is_asked_for(monkeypatc
     # Any other error is one of this call, not of a later one.
     def fails(self, name):
         raise InputError(f'{name}: broken')
-    monkeypatch.setattr(type(robot.kernels), 'quantity', fails)
+    monkeypatch.setattr(type(robot.kernels), 'kernel', fails)
     with pytest.raises(InputError, match='broken'):
         robot.compile()
 
