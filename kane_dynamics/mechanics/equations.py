@@ -57,8 +57,6 @@ class Equations:
         Names of the joints that have actuators; the torques have minimum norm, or with a
         mapping the least sum of weight times torque squared. By default tau acts as the
         forces dual to the independent speeds.
-    redundant : one of `redundant_forces.SHARING`
-        Distribution of the forces of redundant rows.
 
     Attributes
     ----------
@@ -91,8 +89,7 @@ class Equations:
     """
 
     def __init__(self, tree: TreeEquations, mechanism: Mechanism,
-                 actuated: Sequence[str] | Mapping[str, float] | None = None,
-                 redundant: str = 'minimum_norm') -> None:
+                 actuated: Sequence[str] | Mapping[str, float] | None = None) -> None:
         """Check the actuated joints and store the parts."""
         self.tree = tree
         self.mechanism = mechanism
@@ -111,7 +108,6 @@ class Equations:
         # Zeros of an array of objects add no operation to a traced program.
         self.zeros = np.zeros(self.n).astype(object)
         self.zeros.setflags(write=False)
-        self._redundant = redundant
         self.carries_loads = tree.carries_loads
         self.actuated: list[int] | None = None
         self._inverse_weights: Vector = None  # of the actuated joints
@@ -638,7 +634,7 @@ class Equations:
 
     def constraint_forces(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                           parameters: Vector, t: Scalar = 0.0) -> Vector:
-        """Return the force of every row, (m,); of redundant rows as `redundant` says."""
+        """Return the force of every row, (m,); of redundant rows of least norm."""
         motion, force, _ = self._projected(q, u, tau, wrench, parameters, t)
         applied = self.shared_torques(q, tau, t)
         return self._row_forces(q, t, motion.N, force - applied)
@@ -659,7 +655,7 @@ class Equations:
         """Return the forces of all rows, (m,), equivalent to these joint forces."""
         J = self.constraint_rows(q, t).J
         kept_forces = N.T @ joint_forces
-        return shared_forces(self.mechanism, J, N, kept_forces, self._redundant)
+        return shared_forces(self.mechanism, J, N, kept_forces)
 
     def joint_reaction(self, body: int, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector, t: Scalar = 0.0) -> Vector:

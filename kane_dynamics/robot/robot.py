@@ -82,9 +82,6 @@ class Robot(FrameworkMethods, Configurations):
         smaller as their loops are. Default: 1e-4 times the length of a loop (the longest
         distance between its neighbouring joints), and 1e-4 rad.
         `parameters.closure_tolerance` changes it.
-    redundant : 'minimum_norm' or 'kept'
-        Forces of redundant constraint rows: minimum norm, with moments divided by
-        `mechanism.length`, or zero for the rows that were left out.
     rank_tolerance : float
         Singular values of the constraint rows up to this fraction of the largest count
         as zero. A larger value accepts loops with a rounded description (a URDF's
@@ -120,9 +117,8 @@ class Robot(FrameworkMethods, Configurations):
                  independent: Sequence[str] | None = None,
                  actuated: Sequence[str] | Mapping[str, float] | None = None,
                  configuration: Any = None, closure_tolerance: Any = CLOSURE_TOLERANCE,
-                 redundant: str = 'minimum_norm', rank_tolerance: float = RANK,
-                 wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
-                 friction: bool = True,
+                 rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
                  feedforward_friction: str | float = DESIRED_SPEED) -> None:
         """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
@@ -145,7 +141,7 @@ class Robot(FrameworkMethods, Configurations):
             'actuated': (dict(actuated) if isinstance(actuated, Mapping) else
                          checked_names(actuated, 'actuated')),
             'configuration': coordinates_by_name(model, configuration),
-            'redundant': redundant, 'rank_tolerance': rank_tolerance}
+            'rank_tolerance': rank_tolerance}
         start = self._choices['configuration']
         if isinstance(start, np.ndarray):  # callers may change their array
             start = self._choices['configuration'] = start.copy()
@@ -154,9 +150,6 @@ class Robot(FrameworkMethods, Configurations):
         # The model without the payloads of `with_payload` at other frames, and those.
         self._bare = model
         self._carried: dict[str, Inertial] = {}
-        if redundant not in ('minimum_norm', 'kept'):
-            raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or "
-                             "'kept'")
         actuated = self._choices['actuated']
         # The mechanism, its equations, and the block of parameters that kernels read.
         mechanism = choose_independent(
@@ -177,10 +170,9 @@ class Robot(FrameworkMethods, Configurations):
         # of kernels.
         key = model.digest() + repr(sorted(self._options.items()))
         if not mechanism.in_joint_rates:
-            key += f'{actuated!r}{redundant}'
-        self.speed_sets = SpeedSets(mechanism,
-                                    partial(Equations, tree, actuated=actuated,
-                                            redundant=redundant), key, self.parameters)
+            key += repr(actuated)
+        self.speed_sets = SpeedSets(mechanism, partial(Equations, tree, actuated=actuated),
+                                    key, self.parameters)
         self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
         self.equations = self.kernels.equations
         # Robots with other wrench frames. From here on, attributes cannot be assigned.

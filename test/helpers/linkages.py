@@ -37,9 +37,9 @@ def four_bar_model(turntable=False, bars=(0.3, 0.9, 0.7), span=1.0):
 
 
 @cache
-def four_bar(*independent, turntable=False, redundant='minimum_norm'):
+def four_bar(*independent, turntable=False):
     """Return the linkage with these independent speeds, or by default."""
-    return Robot(four_bar_model(turntable), constraints=[PIN], redundant=redundant,
+    return Robot(four_bar_model(turntable), constraints=[PIN],
                  independent=independent or None)
 
 

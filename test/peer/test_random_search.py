@@ -71,8 +71,6 @@ def random_linkage(rng):
     choice = {}
     if rng.random() < 0.3 and not loops.model.balls:
         choice['speeds'] = absolute_rates
-    if rng.random() < 0.3:
-        choice['redundant'] = 'kept'
     robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
                   **choice)
     if rng.random() < 0.3 and not choice.get('speeds'):

@@ -12,11 +12,8 @@ from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-SHARING = ('minimum_norm', 'kept')
 
-
-def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
-                  redundant: str) -> Vector:
+def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector) -> Vector:
     """
     Return the forces of all rows, (m,), equivalent to forces of the kept rows.
 
@@ -31,8 +28,6 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
         All rows; joint rates per unit of the auxiliary speed of each row kept.
     held : (k,) array of scalars
         Forces of the kept rows while all others are zero, N or N m.
-    redundant : one of `SHARING`
-        'kept': the forces of the other rows are zero.
 
     """
     kept = mechanism.kept
@@ -47,7 +42,7 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
             products.append(dot(row, column))
     C: Matrix = np.array(products).reshape(len(left_out), len(kept))
     C = C * weight[kept] / weight[left_out][:, None]
-    if redundant == 'kept' or all(map(is_zero, C.ravel())):
+    if all(map(is_zero, C.ravel())):
         result[kept] = held
         return result
 

@@ -247,7 +247,7 @@ class Configurations(Dispatch):
         force acts along the velocity that the row constrains, N or N m. With the tau of
         inverse dynamics they are the forces in that motion. The forces of redundant rows
         are not unique: the result has minimum norm, with moments divided by
-        `mechanism.length` (or as `Robot(redundant=)`). `wrench` is as in
+        `mechanism.length`. `wrench` is as in
         `inverse_dynamics`.
         """
         return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)

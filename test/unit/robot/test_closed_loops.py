@@ -74,15 +74,6 @@ def test_redundant_rows_share_their_force_with_the_least_sum_of_squares():
         for axis, value in zip('xyz', once):
             assert forces[f'pin/{axis}'] == pytest.approx(value / 2.0, abs=1e-9)
             assert forces[f'again/{axis}'] == pytest.approx(value / 2.0, abs=1e-9)
-        redundant = Robot(model, constraints=order, independent=['crank'],
-                          redundant='kept')
-        forces = constraint_forces_by_name(redundant, q, u,
-                                           redundant.inverse_dynamics(q, u, at_rest))
-        first = order[0].name
-        assert forces[f'{first}/z'] == pytest.approx(once[2], abs=1e-9)
-    with pytest.raises(InputError,
-                       match="redundant: 'none'; expected 'minimum_norm' or 'kept'"):
-        Robot(model, constraints=twice, redundant='none')
 
 
 def test_joints_carry_what_redundant_rows_exert():
