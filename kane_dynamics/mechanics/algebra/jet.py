@@ -209,14 +209,14 @@ def _as_floats(array: Any) -> Any:
         return array
 
 
-def terms(x: Scalar, order: int) -> list[Scalar]:
+def terms_of_order(x: Scalar, order: int) -> list[Scalar]:
     """Return the parts of a scalar that are its Taylor terms of an order (0: value)."""
     if not isinstance(x, Jet):
         return [] if order else [x]
     # In nested jets, the orders of both add up.
     parts = []
     for k, coefficient in enumerate(x.c[:order + 1]):
-        parts.extend(terms(coefficient, order - k))
+        parts.extend(terms_of_order(coefficient, order - k))
     return parts
 
 

@@ -20,7 +20,7 @@ from typing import Any
 from kane_dynamics._util.typing import Scalar
 from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.choice import magnitude, select
-from kane_dynamics.mechanics.algebra.jet import terms
+from kane_dynamics.mechanics.algebra.jet import terms_of_order
 import numpy as np
 
 
@@ -398,7 +398,7 @@ def _require_finite(result: Any, what: str, arguments: tuple[Any, ...]) -> None:
                   f'the second derivative of {name} is')
     for order, quantity in enumerate(quantities):
         for entry in result.ravel():
-            for x in terms(entry, order):
+            for x in terms_of_order(entry, order):
                 if isinstance(x, float) and not math.isfinite(x):
                     raise NotFiniteError(f'{owner}{colon}{quantity} {x} at '
                                          f'{_shown(arguments)}; expected finite numbers')
@@ -409,7 +409,7 @@ def _shown(arguments: tuple[Any, ...]) -> str:
     values = []
     for argument in arguments:
         # The value of each entry, whatever derivatives it carries.
-        values.append([_plain(terms(x, 0)[0]) for x in np.ravel(argument)])
+        values.append([_plain(terms_of_order(x, 0)[0]) for x in np.ravel(argument)])
     *configuration, (t,) = values
     if not configuration:
         return f't = {t} s'

@@ -1,7 +1,7 @@
 """Jets: time derivatives of every operation, against nested jets of order one."""
 
 from kane_dynamics.mechanics.algebra.choice import magnitude, select
-from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving, terms
+from kane_dynamics.mechanics.algebra.jet import derivative, Jet, moving, terms_of_order
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest
@@ -36,7 +36,7 @@ def test_derivatives_are_those_of_nested_jets(name):
     expected = function(*arguments)
     result = np.array([function(*moving(*np.transpose([X, Y])))], dtype=object)
     values = [float(derivative(result, order)[0]) for order in range(3)]
-    reference = [terms(expected, order)[0] for order in range(3)]
+    reference = [terms_of_order(expected, order)[0] for order in range(3)]
     assert_allclose(values, reference, rtol=1e-13, atol=1e-14)
 
 
