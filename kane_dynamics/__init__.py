@@ -51,8 +51,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.motion.motion import Motion
     from kane_dynamics.motion.smooth_motion import SmoothMotion
     from kane_dynamics.robot.robot import Robot
-    from kane_dynamics.simulation.contact import (Contact, CylinderSurface, PlaneSurface,
-                                                  SphereSurface)
+    from kane_dynamics.simulation.contact import (Contact, CylinderSurface, load_contacts,
+                                                  PlaneSurface, SphereSurface)
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import ContactMode, Trajectory
@@ -90,7 +90,8 @@ __all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure'
            'equilibrium', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'in_task_speeds', 'inverse_kinematics', 'knife_edge',
            'linearized',
-           'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
+           'load_collision_shapes', 'load_constraints', 'load_contacts', 'load_mjcf', 'load_urdf',
+           'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
            'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened',

@@ -49,6 +49,8 @@ def _simulate(sub: ArgumentParser) -> None:
                      help='joints hit rigid, inelastic stops at their position limits')
     sub.add_argument('--sticking', action='store_true',
                      help='joints stick below breakaway friction (exact Coulomb friction)')
+    sub.add_argument('--contacts', metavar='YAML',
+                     help='rigid contacts of points with surfaces, with friction')
     # What drives the motion: one of these at most.
     source = sub.add_mutually_exclusive_group()
     _add_motion(source, 'CSV or YAML file; followed by computed torque')

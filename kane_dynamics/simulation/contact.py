@@ -3,15 +3,29 @@ Rigid contacts of named points for `simulate`: `Contact`, and the surfaces that 
 
 Non-smooth: Newton's restitution for impacts, and Coulomb friction that sticks exactly.
 `mechanics.contacts` has the geometry, `stepper` the times at which contacts change.
+
+`load_contacts` reads contacts from a YAML file::
+
+    contacts:
+      tool:                    # name of the contact
+        frame: tool0
+        radius: 0.01           # m; default 0, a point
+        friction: 0.3          # default 0
+        restitution: 0.0       # default 0
+        plane:                 # or sphere or cylinder, with the fields of its class
+          point: [0, 0, 0.1]
+          normal: [0, 0, 1]
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, MISSING
+import os
 from typing import Any
 
 from kane_dynamics._util.checks import constant
+from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.contacts import ContactPair, gap
 from kane_dynamics.model.model import Frame, WORLD
@@ -136,6 +150,64 @@ class Contact:
     friction: float = 0.0
     restitution: float = 0.0
     name: str | None = None
+
+
+SURFACES: dict[str, Any] = {'plane': PlaneSurface, 'sphere': SphereSurface,
+                            'cylinder': CylinderSurface}
+
+
+def load_contacts(source: str | os.PathLike[str] | Mapping[str, Any], *,
+                  prefix: str = '') -> tuple[Contact, ...]:
+    """
+    Return the contacts of a YAML file, for `simulate`.
+
+    The schema is in the docstring of `kane_dynamics.simulation.contact`.
+
+    Parameters
+    ----------
+    source : path or dict
+        The file, or its content.
+    prefix : str
+        Prefix of every frame name (`Model.prefixed`).
+
+    Raises
+    ------
+    InputError
+        Names the contact, the key, its value and what is expected. `simulate` checks
+        whether the frames exist, and the numbers.
+
+    """
+    data = source
+    if not isinstance(source, Mapping):
+        data = read_yaml(source, 'contacts', InputError)
+    top = mapping(data, 'contacts file', ('contacts',), InputError)
+    entries = mapping(top.get('contacts'), 'contacts file: contacts', None, InputError)
+    contacts = []
+    for name, entry in entries.items():
+        what = f"contact '{name}'"
+        keys = ('frame', 'radius', 'friction', 'restitution', *SURFACES)
+        stated = dict(mapping(entry, what, keys, InputError))
+        shapes = [shape for shape in SURFACES if shape in stated]
+        if len(shapes) != 1:
+            raise InputError(f'{what}: {len(shapes)} surfaces; expected one of '
+                             f'{", ".join(SURFACES)}')
+        surface = _record(SURFACES[shapes[0]], stated.pop(shapes[0]),
+                          f'{what}: {shapes[0]}', prefix)
+        contacts.append(_record(Contact, {**stated, 'on': surface, 'name': name}, what,
+                                prefix))
+    return tuple(contacts)
+
+
+def _record(record: Any, stated: Any, what: str, prefix: str) -> Any:
+    """Return a record of the fields that a file states; InputError for a field that it lacks."""
+    names = tuple(field.name for field in fields(record))
+    values = dict(mapping(stated, what, names, InputError))
+    for field in fields(record):
+        if field.default is MISSING and field.name not in values:
+            raise InputError(f"{what}: no key '{field.name}'; expected its value")
+    if 'frame' in values:
+        values['frame'] = f"{prefix}{values['frame']}"
+    return record(**values)
 
 
 def checked_contacts(robot: Robot, contacts: Any) -> Contacts:

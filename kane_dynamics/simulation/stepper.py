@@ -42,6 +42,9 @@ class Contacts(NamedTuple):
     restitution: Any = ()
 
 
+NO_CONTACTS = Contacts()
+
+
 class _Parts(NamedTuple):
     """
     Parts of a step, of K lengths.
@@ -89,11 +92,11 @@ class RowSteps:
     """
 
     def __init__(self, robot: Robot, step: float, start: float, stops: bool,
-                 sticking: bool, contacts: Contacts | None = None) -> None:
+                 sticking: bool, contacts: Contacts = NO_CONTACTS) -> None:
         """Begin without transitions."""
         self._robot, self._step, self._start = robot, step, start
         self.stops, self.sticking = stops, sticking
-        self._contacts = contacts or Contacts()
+        self._contacts = contacts
         self._without_margin = state_layout(robot).without_margin
         self._modes_of: dict[tuple[str, ...], tuple[Robot, RowModes]] = {}
         self._losses: dict[int, list[_Loss]] = {}
@@ -265,10 +268,11 @@ class RowSteps:
                 impact.loss, contact in impact.rests, i)))
 
 
-def compile_rows(robot: Robot, choice: StepChoice, stops: bool, sticking: bool) -> None:
-    """Compile the kernels of `RowSteps` for one choice of the step, without contacts."""
-    rows = row_set(robot, stops, sticking, (), (), (), choice.needed(robot).dual_to)
-    if rows.joints:
+def compile_rows(robot: Robot, choice: StepChoice, stops: bool, sticking: bool,
+                 contacts: Contacts = NO_CONTACTS) -> None:
+    """Compile the kernels of `RowSteps` for one choice of the step."""
+    rows = row_set(robot, stops, sticking, *contacts, choice.needed(robot).dual_to)
+    if rows.joints or rows.pairs:
         row_kernel(rows, choice).compile()
         response_kernel(rows).compile()
         response_kernel(rows).compile_lanes()
@@ -276,10 +280,11 @@ def compile_rows(robot: Robot, choice: StepChoice, stops: bool, sticking: bool) 
 
 
 def compile_row_steps(robot: Robot, integrator: str, followed: Sequence[int], stops: bool,
-                      sticking: bool) -> None:
+                      sticking: bool, contacts: Contacts = NO_CONTACTS) -> None:
     """Compile the kernels of `RowSteps` with and without feedback, as `step_kernel`."""
     for feedback in (False, True):
-        compile_rows(robot, StepChoice(feedback, integrator, None, followed), stops, sticking)
+        compile_rows(robot, StepChoice(feedback, integrator, None, followed), stops, sticking,
+                     contacts)
 
 
 class _Path:

@@ -216,3 +216,22 @@ def test_the_shipped_configuration_starts_the_plant_and_a_missing_urdf_is_an_err
     assert node.end()[0] == 2
     assert ("plant_node: URDF: none; expected parameter 'robot_description' or 'urdf'"
             in node.log)
+
+
+def test_a_tool_lands_on_a_table_and_stays_there(client, tmp_path):
+    robot = Robot(model())
+    height = float(robot.frame_pose('c', np.array(START))[2, 3]) - 0.1
+    file = tmp_path / 'table.yaml'
+    file.write_text('contacts: {tool: {frame: c, friction: 0.5, '
+                    f'plane: {{point: [0, 0, {height!r}]}}}}}}')
+    process = Process(module=PLANT, robot_description=f"'{URDF}'", rate=200,
+                      initial__position=list(START), contacts=str(file),
+                      hold_until_command='false', diagnostics_rate=20)
+    watch = Watch(client)
+    try:
+        assert watch.reported('in contact', 'tool', timeout=60.0)
+        _, q, _, _ = watch.fresh(200)
+        assert robot.frame_pose('c', q)[2, 3] == pytest.approx(height, abs=1e-8)
+    finally:
+        watch.close()
+        assert process.end()[0] == 0

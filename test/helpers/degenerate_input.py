@@ -261,6 +261,8 @@ def stated():
         'with_names': {'names': {'link1': 'a'}}, 'with_model': {'prefix': 'left_'},
         'load_constraints': {'source': {'constraints': {'pin': {
             'closure': {'first': 'a', 'second': 'b', 'axis': [0, 0, 1]}}}}},
+        'load_contacts': {'source': {'contacts': {'tip': {
+            'frame': 'tip', 'plane': {'normal': [0, 0, 1]}}}}},
         'fill_trajectory': {'times': [0.0, 0.5, 1.0], 'tolerance': 0.5, 'rest': None},
         'identification.base_parameters': {'speeds': np.full(2, 0.05), 'states': 40},
         'identification.base_speeds': {},

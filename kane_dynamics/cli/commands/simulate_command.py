@@ -17,8 +17,9 @@ from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.contact import Contact, load_contacts
 from kane_dynamics.simulation.simulate import simulate
-from kane_dynamics.simulation.trajectory import Trajectory
+from kane_dynamics.simulation.trajectory import ContactMode, Trajectory
 import numpy as np
 
 PRINTED_EVENTS = 10  # --json has all
@@ -39,6 +40,9 @@ def simulation(options: Namespace) -> None:
     _, robot = load_robot(options)
     with model_warnings(verbose=options.verbose):
         plan = _plan(options, robot)
+    contacts: tuple[Contact, ...] = ()
+    if options.contacts:
+        contacts = load_contacts(options.contacts)
     # The time on the wall, which includes compilation at a first start.
     start = time.perf_counter()
     with progress_bar('simulating', plan.duration) as progress, (
@@ -46,7 +50,7 @@ def simulation(options: Namespace) -> None:
         result = simulate(robot, plan.q0, plan.u0, plan.duration, step=options.step,
                           torque=plan.torque, progress=progress,
                           integrator=options.integrator, stops=options.stops,
-                          sticking=options.sticking)
+                          sticking=options.sticking, contacts=contacts)
     wall_time = time.perf_counter() - start
     if options.out:
         save = result.save_npz if options.out.endswith('.npz') else result.save_csv
@@ -61,6 +65,7 @@ def simulation(options: Namespace) -> None:
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall_time:.3g} s; '
           f'energy went from {first_energy:.6g} J to {last_energy:.6g} J')
     _print_last_state(robot, result)
+    _print_contacts(result)
     _print_events(result)
     print_files(path for path in (options.out, options.plot) if path)
 
@@ -74,6 +79,11 @@ def _data(robot: Robot, result: Trajectory, wall_time: float) -> dict[str, Any]:
             'energy_after': last_energy,
             'limit_events': [str(event) for event in result.limit_events],
             'stop_events': [str(event) for event in result.stop_events],
+            'contact_events': [str(event) for event in result.contact_events],
+            'contact_names': result.contact_names,
+            'contact_forces': result.contact_forces[-1],
+            'contact_modes': [ContactMode(mode).name.lower()
+                              for mode in result.contact_modes[-1]],
             'speed_names': robot.speed_names, 'drift': result.drift}
 
 
@@ -92,9 +102,19 @@ def _print_last_state(robot: Robot, result: Trajectory) -> None:
     print_table(['speed', 'u', 'tau'], zip(robot.speed_names, u, tau, strict=True))
 
 
+def _print_contacts(result: Trajectory) -> None:
+    """Print mode and force of every contact at the end."""
+    rows = []
+    for name, mode, force in zip(result.contact_names, result.contact_modes[-1],
+                                 without_rounding(result.contact_forces[-1]), strict=True):
+        rows.append((name, ContactMode(mode).name.lower(), *force))
+    if rows:
+        print_table(['contact', 'mode', 'fx', 'fy', 'fz'], rows)
+
+
 def _print_events(result: Trajectory) -> None:
-    """Print the first limits and stops that the motion passed."""
-    events = [*result.limit_events, *result.stop_events]
+    """Print the first limits that the motion passed, and its first impacts."""
+    events = [*result.limit_events, *result.stop_events, *result.contact_events]
     for event in events[:PRINTED_EVENTS]:
         print(event)
     left_out = len(events) - PRINTED_EVENTS

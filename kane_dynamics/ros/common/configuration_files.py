@@ -11,6 +11,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.model.model import Model
+from kane_dynamics.simulation.contact import Contact, load_contacts
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
@@ -149,3 +150,14 @@ def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
         options |= load_constraints(resolve_path('constraints', values['constraints']),
                                     prefix=values['prefix'])
     return options
+
+
+def stated_contacts(parameter: str, values: Mapping[str, Any]) -> tuple[Contact, ...]:
+    """
+    Return the contacts of simulations in the file that a parameter names; none if it is empty.
+
+    Raise InputError for an invalid file.
+    """
+    if not values[parameter]:
+        return ()
+    return load_contacts(resolve_path(parameter, values[parameter]), prefix=values['prefix'])

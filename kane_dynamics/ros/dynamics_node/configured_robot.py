@@ -20,6 +20,7 @@ from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.verification import compile_verified
 from kane_dynamics.ros.common.command_topic import CommanderCount
+from kane_dynamics.ros.common.configuration_files import stated_contacts
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import (BEST_EFFORT, CLOCK, overridable, OVERRIDES,
@@ -70,6 +71,7 @@ from kane_dynamics.ros.torque_path.native_loop import compile_loop
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.torque_path import python_reason, TorquePath
+from kane_dynamics.simulation.contact import checked_contacts
 from kane_dynamics.simulation.step_size import possible_integrators
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
@@ -193,6 +195,8 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         FillSettings.from_values(values, self.robot.joint_names)
         locks = self._require_sticking(self.robot)
+        self._contacts = stated_contacts('simulation.contacts', values)
+        checked_contacts(self.robot, self._contacts)
         self.fault = command_fault(controller)
         loops = None
         if not self.fault:
@@ -270,7 +274,7 @@ class ConfiguredRobot:
             self.robot, integrator_of_simulations(values, 'simulation.integrator'))
         compile_simulations(self._for_simulations, integrators,
                             values['simulation.sticking'], values['simulation.stops'],
-                            locks)
+                            locks, self._contacts)
 
     def _require_sticking(self, robot: Robot) -> bool:
         """Return whether drives lock themselves; InputError if they cannot be simulated."""
@@ -805,4 +809,4 @@ class ConfiguredRobot:
                                           self.loads, self.values, self._request_frames,
                                           self._bending_for_requests, self.path.measured,
                                           self.path.measured_speeds,
-                                          self.later_kernels.require)
+                                          self.later_kernels.require, self._contacts)

@@ -378,6 +378,9 @@ SPECS = (
     live('simulation.sticking', 'flag', False,
          'simulate exact Coulomb friction: joints stick below '
          'breakaway friction'),
+    Spec('simulation.contacts', 'text', '',
+         'path of a YAML file with contacts of points of the robot with surfaces, which '
+         'simulations have; empty: none'),
     Spec('realtime.priority', 'count', 0,
          'real-time priority (SCHED_FIFO) of the threads that '
          'compute torques; 0: ordinary scheduling', low=0.0, high=99.0),

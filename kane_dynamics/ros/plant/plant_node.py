@@ -309,6 +309,7 @@ class PlantNode(Node):
             'energy balance': plant.arm.energy.warning or 'closes',
             'at a stop': ', '.join(plant.arm.at_stops) or 'none',
             'sticking': ', '.join(plant.arm.stuck) or 'none',
+            'in contact': ', '.join(plant.arm.touching) or 'none',
             'wrenches at': ', '.join(plant.arm.wrenches) or 'none',
             'joint states dropped': str(plant.states.dropped),
             'commands dropped': str(plant.commands.dropped)}

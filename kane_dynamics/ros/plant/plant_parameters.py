@@ -36,6 +36,9 @@ SPECS = (
     Spec('sticking', 'flag', False,
          'exact Coulomb friction: joints stick below breakaway friction; false: the '
          'smooth law, with which they creep'),
+    replace(BY_NAME['simulation.contacts'], name='contacts',
+            description='path of a YAML file with contacts of points of the robot with '
+            'surfaces; empty: none'),
     Spec('publish_clock', 'flag', False,
          'publish simulated time on /clock, starting at 1 s, for '
          'nodes with use_sim_time; false: use system time'),

@@ -7,6 +7,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.configuration_files import stated_contacts
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.loads.gravity_payload import parameter_loads
 from kane_dynamics.ros.loads.wrench_input import check_frames
@@ -70,7 +71,8 @@ class PlantState:
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
                                 integrator_of_simulations(values, 'integrator'),
                                 values['arm_compensates'], values['sticking'],
-                                values['drives.sensor_side'])
+                                values['drives.sensor_side'],
+                                stated_contacts('contacts', values))
         self.states: DelayLine[Measurement] = DelayLine()
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0

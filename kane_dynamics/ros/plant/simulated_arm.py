@@ -1,6 +1,6 @@
 """The simulated arm: equations of motion, joint stops, motors and external wrenches."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -12,8 +12,9 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
 from kane_dynamics.ros.plant.simulated_drives import actuator_coordinates, settle_drives
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
+from kane_dynamics.simulation.contact import checked_contacts, Contact, require_open
 from kane_dynamics.simulation.energy_balance import EnergyBalance
-from kane_dynamics.simulation.motion_samples import motion_at, speeds_in
+from kane_dynamics.simulation.motion_samples import motion_at, MotionSamples, speeds_in
 from kane_dynamics.simulation.presliding import require_no_bristles
 from kane_dynamics.simulation.step_kernels import (deflections_of, state_layout,
                                                    state_names, step_kernel, StepChoice)
@@ -85,6 +86,8 @@ class SimulatedArm:
         Exact Coulomb friction, as of `simulate`.
     sensor_side : str
         Side of the gears of elastic joints on which sensors are: 'motor' or 'link'.
+    contacts : sequence of Contact
+        As of `simulate`.
 
     Attributes
     ----------
@@ -118,7 +121,8 @@ class SimulatedArm:
 
     def __init__(self, robot: Robot, step: float, integrator: str | None = None,
                  arm_compensates: Collection[str] = (NO_TERM,),
-                 sticking: bool = False, sensor_side: str = 'motor') -> None:
+                 sticking: bool = False, sensor_side: str = 'motor',
+                 contacts: Sequence[Contact] = ()) -> None:
         """Compile the kernels of a step."""
         if sticking:
             require_no_bristles(robot, 'sticking')
@@ -167,17 +171,20 @@ class SimulatedArm:
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
-        self._rows = RowSteps(robot, step, 0.0, stops=True, sticking=sticking)
-        self._sticks = sticking and self._rows.any_rows
+        self._contacts = checked_contacts(robot, contacts)
+        self._rows = RowSteps(robot, step, 0.0, stops=True, sticking=sticking,
+                              contacts=self._contacts)
+        # Without them, rows are needed only where a step ends beyond a stop.
+        self._in_rows = (sticking or bool(contacts)) and self._rows.any_rows
         self.energy = EnergyCheck(robot, step, self._integrator,
-                                  self._rows if self._sticks else None)
+                                  self._rows if self._in_rows else None)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
         self._source = TorqueInput(robot, kernel, choice, step, self._constants,
                                    self._total[None])
 
         # What a step may need is compiled now, not while the arm moves.
-        compile_rows(robot, choice, stops=True, sticking=sticking)
+        compile_rows(robot, choice, stops=True, sticking=sticking, contacts=self._contacts)
         robot.compile('inverse_mass_matrix')
         robot.compile('external_force')
 
@@ -234,6 +241,7 @@ class SimulatedArm:
         if self._bending is not None:
             self._q[:] = self._bent()
         self._q[:] = settle_drives(self.robot, self._q)
+        require_open(self.robot, self._contacts, self._q[None])
         self.wrenches.clear()
         self.energy.restart(self._state)
 
@@ -286,7 +294,7 @@ class SimulatedArm:
             self._total[0] += self._external()
         # 3. One integration step; its last number is positive where the loops were
         # closed.
-        if self._sticks:
+        if self._in_rows:
             self._next[:] = self._rows.step_end(self._source, self._state.copy())
             if not np.isfinite(self._next).all():
                 raise InputError('the motion diverged: not finite; expected torques of a '
@@ -300,8 +308,8 @@ class SimulatedArm:
         # 4. A joint beyond its limits: the step is repeated with the forces of the
         # stops.
         n = len(self.q)
-        if self._sticks:
-            self._accept_exact()
+        if self._in_rows:
+            self._accept_rows()
         elif (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
             self._apply_stops()
         else:
@@ -324,8 +332,8 @@ class SimulatedArm:
         world = self.frames.in_world(self._q, rows)
         return self.robot.external_force(self._q, wrench=world)
 
-    def _accept_exact(self) -> None:
-        """Accept a step with exact friction, in which joints may have hit their stops."""
+    def _accept_rows(self) -> None:
+        """Accept a step of rows, in which joints and contacts may have hit."""
         self._state[:] = self._next
         at_stop = self._rows.rows(self.robot).sides(self._state) != 0.0
         self.stop_contacts += int(at_stop.any())
@@ -338,12 +346,22 @@ class SimulatedArm:
     @property
     def stuck(self) -> list[str]:
         """Return the names of the joints that friction holds; none with the smooth law."""
-        if not self._sticks:
+        if not self._in_rows:
             return []
-        samples = motion_at(self.robot, self._state[None], self._total, np.zeros(1),
-                            self._rows)
-        held = samples.sticking[0][:len(self.joint_names)]
+        held = self._sample().sticking[0][:len(self.joint_names)]
         return [name for name, sticks in zip(self.joint_names, held) if sticks]
+
+    @property
+    def touching(self) -> list[str]:
+        """Return the names of the contacts that touch."""
+        names = self._rows.contact_names
+        if not names:
+            return []
+        return [name for name, mode in zip(names, self._sample().contact_modes[0]) if mode]
+
+    def _sample(self) -> MotionSamples:
+        """Return forces and modes of the rows at the present state."""
+        return motion_at(self.robot, self._state[None], self._total, np.zeros(1), self._rows)
 
     def _apply_stops(self) -> None:
         """Advance by a step with the forces and the impulses of the stops."""

@@ -20,6 +20,7 @@ from kane_dynamics.native.machine_code.compiling import reported_to
 from kane_dynamics.native.runtime.loops import loops
 from kane_dynamics.native.runtime.threads import in_calling_thread
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.contact import checked_contacts, Contact
 from kane_dynamics.simulation.simulate import compile_simulation, loop_kernels
 from kane_dynamics.simulation.stepper import compile_row_steps
 
@@ -60,14 +61,15 @@ def compile_answers(robots: Sequence[Robot], locks: bool) -> None:
 
 
 def compile_simulations(robot: Robot, integrators: Sequence[str], sticking: bool,
-                        stops: bool, locks: bool) -> None:
+                        stops: bool, locks: bool, contacts: Sequence[Contact] = ()) -> None:
     """Compile every kernel of simulations by one of some integrators."""
     follow = joints_that_follow(robot)
     for integrator in integrators:
         if not locks:  # else the motion follows from the torque with exact friction alone
             compile_simulation(robot, integrator)
-        if sticking or stops:
-            compile_row_steps(robot, integrator, follow, stops, sticking)
+        if sticking or stops or contacts:
+            compile_row_steps(robot, integrator, follow, stops, sticking,
+                              checked_contacts(robot, contacts))
 
 
 class _ClosedError(Exception):

@@ -1,6 +1,6 @@
 """The robots and settings that serve requests."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +9,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames
+from kane_dynamics.simulation.contact import Contact
 
 
 RIGID = 'flexible links treated as rigid'
@@ -40,6 +41,8 @@ class ServedRobot:
         Returns the speeds of that state, (n,), or None.
     require_kernels : callable
         `LaterKernels.require`; for workers.
+    contacts : sequence of Contact
+        Of the simulated robot.
 
     """
 
@@ -52,6 +55,7 @@ class ServedRobot:
     measured: Callable[[], Array | None] = lambda: None
     measured_speeds: Callable[[], Array | None] = lambda: None
     require_kernels: Callable[..., bool] = lambda group, proceed=None: True
+    contacts: Sequence[Contact] = ()
 
     def apply_loads(self) -> None:
         """Set gravity and payload of the robots of the services' thread."""

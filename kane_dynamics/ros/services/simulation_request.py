@@ -1,6 +1,6 @@
 """Check and run a simulation request, for the service and the action."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import time
@@ -19,12 +19,13 @@ from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulat
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
 from kane_dynamics.ros.services.request_kernels import SIMULATIONS
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
+from kane_dynamics.simulation.contact import Contact
 from kane_dynamics.simulation.simulate import simulate
 from kane_dynamics.simulation.step_size import step_warning
 import numpy as np
 
 DEFAULT_STEP = 1e-3   # s
-MOST_CHANGES = 20     # of independent speeds, and impacts on stops, in an answer
+MOST_CHANGES = 20     # impacts on stops and of contacts in an answer
 DEFAULT_POINTS = 100  # approximate number of points of a trajectory
 
 
@@ -44,6 +45,7 @@ class SimulationRequest:
     integrator: str | None
     stops: bool
     sticking: bool
+    contacts: Sequence[Contact]
     assumption: str
     require_kernels: Callable[..., bool]
 
@@ -87,7 +89,7 @@ class SimulationRequest:
                    sample, torque,
                    integrator_of_simulations(values, 'simulation.integrator'),
                    values['simulation.stops'], values['simulation.sticking'],
-                   RIGID * (served.bending is not None), served.require_kernels)
+                   served.contacts, RIGID * (served.bending is not None), served.require_kernels)
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """
@@ -105,7 +107,8 @@ class SimulationRequest:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration,
                                   step=self.step, torque=self.torque, sample=self.sample,
                                   progress=proceed, integrator=self.integrator,
-                                  stops=self.stops, sticking=self.sticking)
+                                  stops=self.stops, sticking=self.sticking,
+                                  contacts=self.contacts)
         except InputError as error:
             # A request that chose the integrator is answered with the reason why the
             # step is too long.
@@ -117,7 +120,8 @@ class SimulationRequest:
             raise InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
         # Events beyond the first ones would hide what else the message says.
-        changes = map(str, trajectory.stop_events[:MOST_CHANGES])
+        impacts = sorted([*trajectory.stop_events, *trajectory.contact_events])
+        changes = map(str, impacts[:MOST_CHANGES])
         response.message = '\n'.join([*filter(None, [self.assumption]),
                                       *trajectory.warnings, *changes])
         response.wall_time = wall_time

@@ -4,8 +4,9 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Drive, Limits, load_urdf, ModelBuilder, QuasiStatic, Robot,
-                           rod, simulate, StiffnessCurve, with_drives)
+from kane_dynamics import (Contact, Drive, Limits, load_urdf, ModelBuilder,
+                           PlaneSurface, QuasiStatic, Robot, rod, simulate,
+                           StiffnessCurve, with_drives)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError
@@ -589,6 +590,23 @@ def test_an_arm_with_exact_friction_sticks_and_hits_its_stops():
     assert arm.q[0] == -1.0 and arm.u[0] == 0.0 and arm.stop_contacts > 0
     arm.energy.close()
     assert arm.energy.warning == ''
+
+
+def test_an_arm_that_lands_on_a_table_moves_as_simulate_and_is_refused_inside_it():
+    robot = Robot(MODEL)
+    height = float(robot.frame_pose('tip', [0.3, 0.4])[2, 3]) - 0.1
+    table = [Contact('tip', PlaneSurface((0.0, 0.0, height)), friction=0.3)]
+    arm = SimulatedArm(robot, 1e-3, contacts=table)
+    arm.reset(np.array([0.3, 0.4]))
+    run = simulate(robot, [0.3, 0.4], [0.0, 0.0], 1.0, stops=True, contacts=table)
+    for _ in range(1000):
+        arm.step(np.zeros(2))
+    np.testing.assert_allclose([arm.q, arm.u], [run.q[-1], run.u[-1]], atol=1e-9)
+    assert arm.touching == ['tip'] and run.contact_events
+    arm.energy.close()
+    assert arm.energy.warning == ''
+    with pytest.raises(InputError, match=r"contact 'tip' is .* inside its surface"):
+        arm.reset(np.array([-1.0, 0.4]))
 
 
 def test_an_arm_with_bristles_moves_as_simulate_and_rests_after_a_reset():

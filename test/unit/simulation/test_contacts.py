@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from kane_dynamics import (ConstraintError, Contact, ContactMode, CylinderSurface,
-                           Inertial, InputError, ModelBuilder, PlaneSurface, point_mass,
-                           Robot, rod, simulate, SphereSurface, Trajectory)
+                           Inertial, InputError, load_contacts, ModelBuilder,
+                           PlaneSurface, point_mass, Robot, rod, simulate, SphereSurface,
+                           Trajectory)
 from linkages import at_angle, four_bar_model, PIN
 import numpy as np
 import pytest
@@ -362,6 +363,36 @@ def test_contacts_that_are_not_valid_are_named(contact, message):
     stated = {'frame': 'tip', 'on': PlaneSurface((0, 0, -9.0))} | contact
     with pytest.raises(InputError, match=message):
         simulate(arm(), [-0.5, 0.3], [0.0, 0.0], 0.01, contacts=[Contact(**stated)])
+
+
+def test_contacts_of_a_file_are_those_that_it_states(tmp_path):
+    file = tmp_path / 'contacts.yaml'
+    file.write_text("""
+contacts:
+  tool: {frame: tip, radius: 0.01, friction: 0.3, plane: {point: [0, 0, 0.1]}}
+  ball: {frame: elbow, restitution: 0.5, sphere: {center: [1, 0, 0], radius: 0.2}}
+  pipe:
+    frame: tip
+    cylinder: {point: [0, 0, 0], axis: [1, 0, 0], radius: 0.1, frame: base}
+""")
+    expected = (
+        Contact('left_tip', PlaneSurface([0, 0, 0.1]), 0.01, 0.3, name='tool'),
+        Contact('left_elbow', SphereSurface([1, 0, 0], 0.2), restitution=0.5,
+                name='ball'),
+        Contact('left_tip', CylinderSurface([0, 0, 0], [1, 0, 0], 0.1, 'left_base'),
+                name='pipe'))
+    assert load_contacts(file, prefix='left_') == expected
+
+
+@pytest.mark.parametrize(('entry', 'message'), [
+    ({'frame': 'tip'}, "contact 'tip': 0 surfaces; expected one of plane, sphere"),
+    ({'plane': {}}, "contact 'tip': no key 'frame'; expected its value"),
+    ({'frame': 'tip', 'sphere': {'radius': 0.1}}, "'tip': sphere: no key 'center'"),
+    ({'frame': 'tip', 'plane': {'radius': 0.1}}, "plane: unknown key 'radius'"),
+    ({'frame': 'tip', 'mu': 0.1, 'plane': {}}, "contact 'tip': unknown key 'mu'")])
+def test_a_file_of_contacts_that_is_not_valid_names_the_key(entry, message):
+    with pytest.raises(InputError, match=message):
+        load_contacts({'contacts': {'tip': entry}})
 
 
 def test_a_self_locking_drive_holds_a_load_above_a_surface_and_lifts_it_off():
