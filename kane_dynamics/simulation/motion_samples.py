@@ -36,6 +36,8 @@ class MotionSamples(NamedTuple):
         Which joints friction holds.
     contact_forces : (K, c, 3) array
         On the first link, N, in world axes.
+    contact_points : (K, c, 3) array
+        Where the contacts touch, m, in the world.
     contact_modes : (K, c) array of int
         `ContactMode` of each contact.
 
@@ -46,6 +48,7 @@ class MotionSamples(NamedTuple):
     friction: Array
     sticking: Any
     contact_forces: Array
+    contact_points: Array
     contact_modes: Any
 
 
@@ -73,7 +76,7 @@ def motion_at(robot: Robot, states: Array, tau: Array, times: Array,
         vdot, friction = results.swapaxes(0, 1).copy()
     # Friction that does not stick never holds a joint.
     return MotionSamples(vdot, np.zeros((K, n_j)), friction, np.zeros((K, n_j), dtype=bool),
-                         np.zeros((K, 0, 3)), np.zeros((K, 0), dtype=int))
+                         np.zeros((K, 0, 3)), np.zeros((K, 0, 3)), np.zeros((K, 0), dtype=int))
 
 
 @kernel_per_robot

@@ -588,6 +588,8 @@ class Response(NamedTuple):
     J : (3 c, n_j) array
         Of the contacts.
     bases : (c, 3, 3) array
+    points : (c, 3) array
+        m, in the world.
 
     """
 
@@ -602,6 +604,7 @@ class Response(NamedTuple):
     friction: Array
     J: Array
     bases: Array
+    points: Array
 
     @classmethod
     def shapes(cls, rows: RowSet) -> list[tuple[int, ...]]:
@@ -610,7 +613,7 @@ class Response(NamedTuple):
         k, c = len(rows.joints), len(rows.pairs)
         m = k + 3 * c
         return [(n_j,), (m,), (m,), (n_j, m), (m, m), (k,), (k,), (c,), (n_j,), (3 * c, n_j),
-                (c, 3, 3)]
+                (c, 3, 3), (c, 3)]
 
 
 def response_kernel(rows: RowSet) -> Kernel:
@@ -634,12 +637,14 @@ def response_kernel(rows: RowSet) -> Kernel:
         unit = np.eye(robot.model.n)[rows.joints].reshape(k, robot.model.n)
         J, drift, velocities = unit, np.zeros(k), system.v[rows.joints]
         distances, bases, of_contacts = np.zeros(0), np.zeros((0, 3, 3)), np.zeros(0)
+        points = np.zeros((0, 3))
         if rows.pairs:
             contacts = contact_rows(equations, rows.pairs, q, system.v)
             J = np.concatenate([unit, contacts.J])
             drift = np.concatenate([drift, contacts.drift])
             velocities = np.concatenate([velocities, contacts.velocities])
             distances, bases, of_contacts = contacts.distances, contacts.bases, contacts.J
+            points = contacts.points
         factors = factorize(system.M, system.order)
         vdot = T @ solve(factors, system.order, system.net) + system.drift
         B = T @ np.stack([solve(factors, system.order, row) for row in J @ T], axis=1)
@@ -647,7 +652,7 @@ def response_kernel(rows: RowSet) -> Kernel:
         least, largest = bounds_of_joints(rows, q, tau, t)
         friction = equations.driven_friction(q, system.v, tau, t, sliding, deflections)
         parts = (vdot, velocities, a, B, J @ B, least, largest, distances, friction,
-                 of_contacts, bases)
+                 of_contacts, bases, points)
         return np.concatenate([np.ravel(part) for part in parts])
     size = sum(int(np.prod(shape)) for shape in Response.shapes(rows))
     tau_size = robot.n if rows.dual_to is None else len(rows.dual_to)

@@ -557,7 +557,7 @@ class RowModes:
         n_j = rows.robot.model.n
         stop_forces, friction = np.zeros((2, len(states), n_j))
         sticking = np.zeros((len(states), n_j), dtype=bool)
-        contact_forces = np.zeros((len(states), c, 3))
+        contact_forces, contact_points = np.zeros((2, len(states), c, 3))
         contact_modes = np.zeros((len(states), c), dtype=int)
         vdot = np.empty((len(states), n_j))
         # The responses of all samples, without directions and with those of joints that move.
@@ -570,6 +570,7 @@ class RowModes:
         rests = ((moving == 0.0) & (rows.rubs | (sides != 0.0))).any(axis=1)
         for row, (state, torque, t) in enumerate(zip(states, tau, times)):
             now = sliding[row]
+            contact_points[row] = now.points
             if not (rests[row] or (now.distances <= TOUCHING).any()):
                 vdot[row], friction[row] = now.vdot, now.friction
                 continue
@@ -588,7 +589,7 @@ class RowModes:
             contact_forces[row] = np.einsum('ci,cij->cj', along, now.bases)
             contact_modes[row] = [CONTACT_MODES[mode] for mode in modes.contacts]
         return MotionSamples(vdot, stop_forces, friction, sticking, contact_forces,
-                             contact_modes)
+                             contact_points, contact_modes)
 
     def acting(self, modes: ModeChoice, now: Response, f: Array) -> Array:
         """Return the forces of all rows, with the friction of contacts that slide."""

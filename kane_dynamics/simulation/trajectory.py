@@ -25,12 +25,8 @@ Path = str | os.PathLike[str]
 OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual',
                   'constraint_velocity_residual')
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS, 'sticking',
-          'bristles', 'contact_forces', 'contact_modes')
-NOT_IN_CSV = 'sticking', 'bristles', 'contact_forces', 'contact_modes'
-# Arrays that older files lack.
-LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking', 'bristles',
-         'contact_forces', 'contact_modes')
-FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
+          'bristles', 'contact_forces', 'contact_points', 'contact_modes')
+NOT_IN_CSV = 'sticking', 'bristles', 'contact_forces', 'contact_points', 'contact_modes'
 NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names',
          'bristle_names', 'contact_names')
 
@@ -158,6 +154,8 @@ class Trajectory:
     contact_forces : (K, c, 3) or (N, K, c, 3) array
         Forces of the contacts of `contact_names` on the links of their frames, N, in
         world axes; not in CSV files.
+    contact_points : (K, c, 3) or (N, K, c, 3) array
+        Where they touch, or would, m, in the world; not in CSV files.
     contact_modes : (K, c) or (N, K, c) array of int
         How they move from each sample on, as `ContactMode`; not in CSV files.
     contact_names : tuple of str
@@ -189,6 +187,7 @@ class Trajectory:
     bristles: Array = field(default_factory=partial(np.zeros, 0))
     bristle_names: tuple[str, ...] = ()
     contact_forces: Array = field(default_factory=partial(np.zeros, 0))
+    contact_points: Array = field(default_factory=partial(np.zeros, 0))
     contact_modes: Any = field(default_factory=partial(np.zeros, 0, dtype=int))
     contact_names: tuple[str, ...] = ()
     contact_events: Sequence[ContactEvent] = ()
@@ -214,6 +213,7 @@ class Trajectory:
         c = len(self.contact_names)
         if not self.contact_forces.size:
             defaults['contact_forces'] = np.zeros((*shape, c, 3))
+            defaults['contact_points'] = np.zeros((*shape, c, 3))
             defaults['contact_modes'] = np.zeros((*shape, c), dtype=int)
         self.__dict__.update(defaults)  # of a frozen record
 
@@ -325,28 +325,12 @@ class Trajectory:
     def load_npz(cls, path: Path) -> Trajectory:
         """Read a file of `save_npz`; InputError for any other file."""
         file = npz_arrays(path)
-        # Arrays that were renamed since.
-        for name, former in FORMER.items():
-            if name not in file and former in file:
-                file[name] = file[former]
         try:
-            content: dict[str, Any] = {}
-            # What every file has, then what may be missing.
-            for name in ARRAYS:
-                if name not in LATER:
-                    content[name] = file[name]
-            for name in NAMES[:3]:
+            content: dict[str, Any] = {name: file[name] for name in ARRAYS}
+            for name in (*NAMES, 'warnings'):
                 content[name] = tuple(map(str, file[name]))
-            # Files of earlier versions lack what was added later.
-            content['constraint_velocity_residual'] = np.zeros_like(
-                content['constraint_residual'])
-            for name in LATER:
-                if name in file:
-                    content[name] = file[name]
-            for name in ('coordinate_names', 'bristle_names', 'contact_names', 'warnings'):
-                content[name] = tuple(map(str, file.get(name, ())))
             for name in EVENTS:
-                content[name] = _events(name, file.get(name, ()))
+                content[name] = _events(name, file[name])
             return cls(**content)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)}: {error}; expected a file of '

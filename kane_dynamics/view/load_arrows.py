@@ -1,4 +1,4 @@
-"""Arrows of joint torques and joint reactions."""
+"""Arrows of joint torques, joint reactions and forces of contacts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from kane_dynamics.mechanics.definition.kinematics import configurations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-KINDS = ('torques', 'forces', 'moments')
+KINDS = ('torques', 'forces', 'moments', 'contacts')
 LONGEST = 0.4  # length of the longest arrow, in units of the robot's size
 _LEAST = 0.01  # of the longest; shorter arrows are not drawn
 _ROUNDING = 1e-9
@@ -20,7 +20,7 @@ _SAMPLES = 100  # configurations in the search for the largest gravity torques
 @dataclass(frozen=True, eq=False)
 class LoadArrows:
     """
-    Torques and reactions of every joint at several states.
+    Torques and reactions of every joint, and forces of contacts, at several states.
 
     Attributes
     ----------
@@ -30,7 +30,10 @@ class LoadArrows:
     tau : (K, n_q) array
         Actuator torque of each joint, N m or N.
     reactions : (K, n_bodies, 6) array
-        `Robot.joint_reactions`, N and N m.
+        `Robot.joint_reactions`, N and N m; zero in a motion with contacts, of which these
+        know nothing.
+    contacts : (K, 2, c, 3) array
+        Points, m, and forces, N, of contacts, in the world.
 
     """
 
@@ -38,16 +41,21 @@ class LoadArrows:
     q: Array
     tau: Array
     reactions: Array
+    contacts: Array
 
     @classmethod
     def along(cls, robot: Robot, q: Array, u: Array, udot: Array, tau: Array,
-              t: Array) -> LoadArrows:
+              t: Array, contacts: Array | None = None) -> LoadArrows:
         """Return the loads of a motion, (K, ...) arrays, tau dual to u."""
+        if contacts is None:
+            contacts = np.zeros((len(q), 2, 0, 3))
         # One state at a time: compiling the kernels of batches would take seconds.
         shared = [robot.joint_torques(tau[k], q[k], t=t[k]) for k in range(len(q))]
-        reactions = [robot.joint_reactions(q[k], u[k], udot[k], t=t[k])
-                     for k in range(len(q))]
-        return cls(robot, q, np.array(shared), np.array(reactions))
+        reactions = np.zeros((len(q), len(robot.model.bodies), 6))
+        if not contacts.size:
+            reactions[:] = [robot.joint_reactions(q[k], u[k], udot[k], t=t[k])
+                            for k in range(len(q))]
+        return cls(robot, q, np.array(shared), reactions, contacts)
 
     @classmethod
     def at_rest(cls, robot: Robot, q: Array) -> LoadArrows:
@@ -59,7 +67,7 @@ class LoadArrows:
     @lazy_property
     def largest(self) -> dict[str, float]:
         """
-        Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m.
+        Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m, N.
 
         Zero for a kind that is only rounding error, relative to the others.
         """
@@ -68,12 +76,14 @@ class LoadArrows:
         # Each kind of arrow has its own scale.
         forces = np.linalg.norm(self.reactions[..., :3], axis=-1)
         moments = np.linalg.norm(self.reactions[..., 3:], axis=-1)
+        of_contacts = np.linalg.norm(self.contacts[:, 1], axis=-1)
         # The actuator of a prismatic joint exerts a force.
         actuator_torque = np.abs(self.tau[:, ~sliding]).max(initial=0.0)
         actuator_force = np.abs(self.tau[:, sliding]).max(initial=0.0)
         largest = {'torques': float(actuator_torque),
                    'forces': float(max(forces.max(initial=0.0), actuator_force)),
-                   'moments': float(moments.max(initial=0.0))}
+                   'moments': float(moments.max(initial=0.0)),
+                   'contacts': float(of_contacts.max(initial=0.0))}
         rounding = _ROUNDING * max(largest.values())
         # Arrows of rounding errors would be as long as those of real loads.
         for kind, magnitude in largest.items():
@@ -84,7 +94,7 @@ class LoadArrows:
     def arrows(self, k: int, length: float,
                largest: dict[str, float]) -> dict[str, Array]:
         """
-        Return arrows by kind, (m, 2, 3): start, at the origin of the joint, and end, m.
+        Return arrows by kind, (m, 2, 3): start, at a joint's origin or a contact, and end, m.
 
         Parameters
         ----------
@@ -115,6 +125,10 @@ class LoadArrows:
                 if np.linalg.norm(vector) > _LEAST:
                     start = placed.p_wb
                     drawn[kind].append(np.stack([start, start + length * vector]))
+        for point, force in self.contacts[k].swapaxes(0, 1):
+            vector = force / (largest['contacts'] or 1.0)
+            if np.linalg.norm(vector) > _LEAST:
+                drawn['contacts'].append(np.stack([point, point + length * vector]))
         return {kind: np.array(pairs).reshape(-1, 2, 3) for kind, pairs in drawn.items()}
 
 

@@ -15,7 +15,8 @@ from viser import ViserServer
 from viser.transforms import SO3
 
 # The colours of the plots, where torques and reactions have no others.
-COLORS = {'torques': (0, 114, 178), 'forces': (213, 94, 0), 'moments': (0, 158, 115)}
+COLORS = {'torques': (0, 114, 178), 'forces': (213, 94, 0), 'moments': (0, 158, 115),
+          'contacts': (204, 121, 167)}
 _AWAY = 1.8  # the camera's distance, in sizes of what is shown
 _CELL = 0.15  # of the robot's size, a square of the floor
 

@@ -28,10 +28,10 @@ import numpy as np
 from viser import ViserServer
 
 _RATE = 25.0  # pictures a second
-_SHOWN = ('torques', 'forces')  # initially visible
+_SHOWN = ('torques', 'forces', 'contacts')  # initially visible
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
-             'moments': 'reaction moments'}
+             'moments': 'reaction moments', 'contacts': 'forces of contacts'}
 _ASIDE = 0.2  # the table of an exported page is wider than the controls
 _STEP = 1e-3  # of a slider, rad or m
 _MOST = 2000  # states of a trajectory
@@ -86,9 +86,11 @@ class Window:
             K = len(trajectory.t)
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
+            contacts = np.stack([trajectory.contact_points[rows],
+                                 trajectory.contact_forces[rows]], axis=1)
             self._loads = LoadArrows.along(robot, trajectory.q[rows], trajectory.u[rows],
                                            trajectory.udot[rows], trajectory.tau[rows],
-                                           self._t)
+                                           self._t, contacts)
             self._largest = self._loads.largest
         self._lock = threading.Lock()
         self._playing = False
@@ -206,7 +208,9 @@ class Window:
         """Return the colors, meanings and scale of some kinds of arrows as HTML."""
         rows = []
         for kind in kinds:
-            unit = 'N' if kind == 'forces' else 'N m'
+            if kind == 'contacts' and not self._largest[kind]:
+                continue
+            unit = 'N' if kind in ('forces', 'contacts') else 'N m'
             rows.append(f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> '
                         f'{_CAPTIONS[kind]}, the longest {self._largest[kind]:.3g} '
                         f'{unit}')

@@ -160,6 +160,14 @@ def test_a_box_that_is_thrown_in_any_orientation_comes_to_rest(seed):
     assert (np.diff(run.energy.sum(axis=1)) < 1e-8).all() and not run.warnings
 
 
+def test_points_of_contacts_are_below_the_centers_of_their_spheres():
+    robot = arm()
+    ball = Contact('tip', PlaneSurface((0, 0, -0.3)), radius=0.05)
+    run = simulate(robot, [-0.5, 0.3], [0.0, 0.0], 1.0, sample=0.05, contacts=[ball])
+    tips = robot.frame_pose('tip', run.q)[:, :3, 3]
+    np.testing.assert_allclose(run.contact_points[:, 0], tips - [0, 0, 0.05], atol=1e-12)
+
+
 def test_forces_of_contacts_are_those_of_the_accelerations_and_inside_their_cones():
     robot = arm()
     run = simulate(robot, [-0.5, 0.3], [0.0, 0.0], 3.0, sample=0.01, contacts=[TABLE])

@@ -137,8 +137,20 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
     long = loads.arrows(
         int(np.argmax(np.abs(loads.reactions[..., 3:]).sum(axis=(1, 2)))), 1.0,
         loads.largest)
-    assert all(np.linalg.norm(np.diff(x, axis=1), axis=-1).max() <= 1.0 + 1e-12
+    assert all(np.linalg.norm(np.diff(x, axis=1), axis=-1).max(initial=0.0) <= 1.0 + 1e-12
                for x in long.values())
+
+
+def test_arrows_of_contacts_begin_where_these_touch():
+    robot = tree()
+    q = random_state(robot.model, 1)[:1]
+    still = np.zeros_like(q)
+    contacts = np.array([[[[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]],
+                          [[0.0, 0.0, 8.0], [0.0, 0.0, 0.0]]]])
+    loads = LoadArrows.along(robot, q, still, still, still, np.zeros(1), contacts)
+    assert loads.largest['contacts'] == 8.0 and not loads.reactions.any()
+    arrow, = loads.arrows(0, 0.5, loads.largest)['contacts']
+    np.testing.assert_allclose(arrow, [[0.1, 0.2, 0.3], [0.1, 0.2, 0.8]])
 
 
 def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
