@@ -104,6 +104,7 @@ class RowSteps:
         self._events: list[StopEvent | ContactEvent] = []
         # The modes after a step of a simulation: step, source's speeds, modes.
         self._known: dict[int, tuple[int, Array, ModeChoice]] = {}
+        self._paths: dict[int, _Path] = {}
         self.changed = False
 
     @property
@@ -195,7 +196,9 @@ class RowSteps:
 
     def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
         """Compute the states of simulation i after each step, (K + 1, size)."""
-        path = _Path(self, source, i)
+        path = self._paths.get(i)
+        if path is None or not path.continues(source):
+            path = self._paths[i] = _Path(self, source, i)
         count_of_rows = len(rows) - 1
         modes = self._modes_at(i, done, rows[0])
         at, piece = 0, FIRST
@@ -304,6 +307,11 @@ class _Path:
         self._watches_end = False
         self._energies = energy_kernel(robot, steps.sticking)
         self._energy_entries = state_layout(robot).without_margin
+
+    def continues(self, source: TorqueInput) -> bool:
+        """Use the torques of a source, and return whether it has the speeds of this path."""
+        before, self._source = self._source, source
+        return source.robot is before.robot and source.choice == before.choice
 
     def scanned(self, state: Array, step: int, count: int,
                 modes: ModeChoice) -> tuple[Array, Guards, Array]:
