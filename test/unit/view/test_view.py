@@ -137,8 +137,9 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
     long = loads.arrows(
         int(np.argmax(np.abs(loads.reactions[..., 3:]).sum(axis=(1, 2)))), 1.0,
         loads.largest)
-    assert all(np.linalg.norm(np.diff(x, axis=1), axis=-1).max(initial=0.0) <= 1.0 + 1e-12
-               for x in long.values())
+    for arrows in long.values():
+        lengths = np.linalg.norm(np.diff(arrows, axis=1), axis=-1)
+        assert lengths.max(initial=0.0) <= 1.0 + 1e-12
 
 
 def test_arrows_of_contacts_begin_where_these_touch():
