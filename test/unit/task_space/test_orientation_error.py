@@ -4,7 +4,8 @@ from itertools import pairwise
 
 from hypothesis import given, settings, strategies as st
 from kane_dynamics import rotation_exp
-from kane_dynamics.task_space.orientation_error import FADE, orientation_error
+from kane_dynamics.task_space.orientation_error import (FADE, orientation_error,
+                                                        pose_difference)
 import numpy as np
 import pytest
 
@@ -68,6 +69,19 @@ def test_through_half_a_turn_the_moment_does_not_jump_and_vanishes_about_the_axi
         moments.append(error.moment(K @ error.vector))
     assert np.ptp(moments, axis=0).max() < 0.02  # of moments up to 300 N m
     assert abs(moments[2] @ n) < 1e-9
+
+
+def test_the_difference_of_poses_is_displacement_and_rotation_from_the_target_in_axes():
+    turn, at_target = rotation_exp([0.3, -0.2, 0.1]), rotation_exp([0.5, 0.4, -0.6])
+    axes = rotation_exp([-0.2, 0.7, 0.3])
+    pose, target = np.eye(4), np.eye(4)
+    pose[:3, :3], target[:3, :3] = axes @ turn @ axes.T @ at_target, at_target
+    displacement = np.array([0.1, -0.2, 0.4])
+    target[:3, 3] = [1.0, 2.0, -3.0]
+    pose[:3, 3] = target[:3, 3] + axes @ displacement
+    moved, error = pose_difference(pose, target, axes)
+    np.testing.assert_allclose(moved, displacement, atol=1e-14)
+    np.testing.assert_allclose(error.vector, [0.3, -0.2, 0.1], atol=1e-14)
 
 
 @pytest.mark.slow
