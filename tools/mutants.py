@@ -104,7 +104,7 @@ def mutants(path: Path) -> Iterator[Mutant]:
 
 def nearest_tests(mutant: Mutant) -> list[str]:
     """Return the tests that name the module, its function or its classes most often."""
-    stem = mutant.path.stem
+    stem = mutant.path.stem.removesuffix('_command')  # test_cli_identify
     names = re.findall(r'^class (\w+)', mutant.path.read_text(), re.MULTILINE)
     words = re.compile(rf'\b({"|".join([stem, mutant.function, *names])})\b')
     scores = []
