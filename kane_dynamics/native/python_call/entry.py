@@ -173,13 +173,8 @@ class Signature:
     def with_memory(self, memory: int) -> 'Signature':
         """Return the signature of calls that update an argument."""
         size, = self.shapes[memory]
-        return replace(self, parts=(whole((self.size - size,)),), memory=memory)
-
-
-def whole(shape: Shape) -> ResultPart:
-    """Return the part that begins a result, of one shape."""
-    size = math.prod(shape)
-    return ResultPart(shape, 0, 1, size, size)
+        rest = self.size - size
+        return replace(self, parts=(ResultPart((rest,), 0, 1, rest, rest),), memory=memory)
 
 
 class EntryTable(np.ndarray):
@@ -285,14 +280,6 @@ def built_in(name: str, doc: str, function: str, table: EntryTable) -> Callable[
     return built
 
 
-def _words(*numbers: int) -> np.ndarray:
-    return np.array(numbers, dtype=np.int64)
-
-
-def _address_of(things: Any) -> int:
-    return ctypes.addressof(things)
-
-
 def kernel_table(kernel: KernelFunction, signature: Signature,
                  blocks: Sequence[np.ndarray], fallback: Callable[..., Any],
                  form: CallForm | None = None, bound: bool = False,
@@ -312,7 +299,7 @@ def kernel_table(kernel: KernelFunction, signature: Signature,
             shapes.append((size,))
     arguments = (_Argument * len(shapes))()
     for k, shape in enumerate(shapes):
-        lengths = _words(*shape)
+        lengths = np.array(shape, dtype=np.int64)
         kept.append(lengths)
         limit = min(signature.limits[k], sys.float_info.max)
         flags = READABLE | (WRITEABLE if k == signature.memory else 0)
@@ -329,12 +316,12 @@ def kernel_table(kernel: KernelFunction, signature: Signature,
     for block in blocks:
         addresses.append(block.ctypes.data)
     slots = len(addresses) if bound else len(addresses) + 1
-    pointers = _words(*addresses)
+    pointers = np.array(addresses, dtype=np.int64)
 
     parts = (_Part * max(1, len(signature.parts)))()
     ring = np.array([None] * (2 * len(signature.parts)))  # references to results
     for k, part in enumerate(signature.parts):
-        lengths = _words(*part.shape)
+        lengths = np.array(part.shape, dtype=np.int64)
         kept.append(lengths)
         parts[k] = _Part(len(part.shape), lengths.ctypes.data, part.start, part.rows,
                          part.width, part.stride)
@@ -343,9 +330,9 @@ def kernel_table(kernel: KernelFunction, signature: Signature,
             ring[2 * k + 1] = np.empty(part.shape)
     words = {'code': SOURCE.code.address('bound' if bound else 'entry'),
              'kernel': kernel.address, 'count': len(shapes),
-             'arguments': _address_of(arguments), 'by_name': int(form is not None),
+             'arguments': ctypes.addressof(arguments), 'by_name': int(form is not None),
              'unread': signature.unread, 'slots': slots, 'pointers': pointers.ctypes.data,
-             'parts': len(signature.parts), 'part': _address_of(parts),
+             'parts': len(signature.parts), 'part': ctypes.addressof(parts),
              'size': signature.size, 'ring': ring.ctypes.data}
     kept += [arguments, pointers, parts, ring]
     if bound:
@@ -357,7 +344,7 @@ def kernel_table(kernel: KernelFunction, signature: Signature,
         kept.append(scratch)
         words['scratch'] = scratch.ctypes.data
     if lanes is not None:
-        words['batches'] = _address_of(lanes)
+        words['batches'] = ctypes.addressof(lanes)
     return new_table(fallback, words, tuple(kept))
 
 
@@ -440,7 +427,7 @@ def _self_test(probe: np.ndarray) -> bool:
     # The test kernel doubles three numbers.
     code = llvm.Code(llvm.cached(lambda: llvm.assemble(text), 'self-test', text))
     kernel = KernelFunction(code, code.address('twice'))
-    signature = Signature(((3,),), (), (math.inf,), 3, (whole((3,)),))
+    signature = Signature(((3,),), (), (math.inf,), 3, (ResultPart((3,), 0, 1, 3, 3),))
     parameters = np.zeros(1)
     twice = _entry('twice', '', kernel, signature, [parameters],
                    lambda *args, **keywords: (args, keywords))

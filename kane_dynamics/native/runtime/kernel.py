@@ -23,7 +23,7 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import (CallForm, EntryTable, KernelFunction,
-                                                    Lanes, ResultPart, Signature, whole)
+                                                    Lanes, ResultPart, Signature)
 from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, loops,
                                                 most_of_one_thread, PROBE_CALLS, repeat,
                                                 run_batch)
@@ -211,9 +211,10 @@ class Kernel:
             self._ranks.append(len(argument.shape))
             inputs.append((argument.name, argument.shape))
         self._ranks += [parameters.ndim, len(shape)]
-        parts = (whole(shape),) if shape else ()
+        size = math.prod(shape)
+        parts = (ResultPart(shape, 0, 1, size, size),) if shape else ()
         self._signature = Signature(tuple(shapes), tuple(default_sizes), tuple(limits),
-                                    math.prod(shape), parts, unread=unread)
+                                    size, parts, unread=unread)
         self._lanes = Lanes()  # of entry points; copies with other parameters share them
         self._key: str | None = None
         if key:
