@@ -2,8 +2,8 @@
 A random search over kinds of mechanisms, against the definition and Pinocchio.
 
 Each mechanism is another one in each run. `KANE_DYNAMICS_SEARCH_SECONDS` is the
-duration, an hour by default, and `KANE_DYNAMICS_SEARCH_SEED` repeats a run, whose seed
-is printed.
+duration, a quarter of an hour by default, and `KANE_DYNAMICS_SEARCH_SEED` repeats a run,
+whose seed is printed.
 """
 
 from collections import Counter
@@ -34,7 +34,7 @@ from random_loops import random_loops
 from scaled_models import scaled_model
 from trajectory_fields import check_fields, motion_of, partial_rates
 
-SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '3600'))
+SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '900'))
 SEED = int(os.environ.get('KANE_DYNAMICS_SEARCH_SEED', time.time_ns() % 2**32))
 TOLERANCE = 1e-8
 MOST_FAILURES = 10

@@ -146,8 +146,8 @@ def test_simulations_scale(name, s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('s', SCALES)
-def test_stops_in_singular_speeds_scale(s):
+@pytest.mark.parametrize('s', [2.0**-10, 2.0**10])  # which round nothing
+def test_stops_in_singular_speeds_scale_bit_for_bit(s):
     def run(s):
         robot = Robot(scaled_model(four_bar_model(bars=(0.5, 0.9, 0.5)), s),
                       constraints=[PIN])
@@ -158,8 +158,9 @@ def test_stops_in_singular_speeds_scale(s):
     one, scaled = run(1.0), run(s)
     assert [event.t for event in scaled.stop_events] == [
         event.t for event in one.stop_events]
-    assert_close(scaled.q, one.q, 1e-8)
-    assert_close(scaled.stop_forces / s**2, one.stop_forces, 1e-6)
+    assert one.stop_events
+    assert np.array_equal(scaled.q, one.q)
+    assert np.array_equal(scaled.stop_forces / s**2, one.stop_forces)
 
 
 @pytest.mark.parametrize('s', SCALES)
