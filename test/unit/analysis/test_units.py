@@ -7,6 +7,7 @@ from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.analysis.model_checks import examine_model, examine_units
 from kane_dynamics.cli import main
+import numpy as np
 import pytest
 from urdf_writer import joint, link, load_with_warnings, robot
 
@@ -35,6 +36,16 @@ def test_other_units_are_a_problem(units, words):
     findings = examine_units(changed(ARM, **units))
     assert any(words in finding.words and finding.level == 'problem'
                for finding in findings)
+
+
+def test_the_radius_of_gyration_is_that_of_the_largest_moment():
+    model = changed(ARM, inertia=1e6)
+    body = model.bodies[1]
+    smallest, _, largest = np.linalg.eigvalsh(body.inertial.inertia)
+    assert smallest < 0.5 * largest
+    radius = (largest / body.inertial.mass)**0.5
+    finding, = examine_units(model)
+    assert f'{body.name} ({radius:.4g} m)' in finding.words
 
 
 @pytest.mark.parametrize('name',
