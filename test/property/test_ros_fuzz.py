@@ -20,9 +20,8 @@ from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
-from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
+from kane_dynamics.ros.common.conversion import message_of, motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.inputs.trajectory_input import read_trajectory  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames, WrenchInput  # noqa: E402
 from kane_dynamics.ros.services import service_calls  # noqa: E402
@@ -191,36 +190,19 @@ def trajectory(chance, points):
     return message
 
 
-def motion_or_none(read, data):
-    try:
-        motion = motion_from_message(read(data), ROBOT.joint_names, 20)
-    except KaneError as error:
-        return None, str(error)
-    except RuntimeError as error:  # rclpy's
-        return None, str(error)
-    return motion, ''
-
-
-def test_a_mutated_trajectory_gives_the_motion_that_rclpy_reads_or_is_rejected():
+def test_a_mutated_trajectory_gives_a_finite_motion_or_is_rejected():
     chance = random.Random(6)
     seeds = [serialize_message(trajectory(chance, points)) for points in (1, 2, 3, 5, 0)]
     good = 0
     for _ in range(TRAJECTORIES):
         data = mutated(chance, chance.choice(seeds), seeds)
-        mine, why = motion_or_none(lambda data: read_trajectory(data, 20), data)
-        theirs, _ = motion_or_none(
-            lambda data: deserialize_message(data, JointTrajectory), data)
-        if mine is None:
-            # Stricter than rclpy only for messages that no ROS program writes; rclpy
-            # accepts a point whose array is longer than the message.
-            assert theirs is None or any(words in why for words in (
-                'encapsulation', 'NUL', 'UTF-8',
-                'elements of 8 bytes')), (why, data.hex())
+        try:
+            motion = motion_from_message(message_of(data, JointTrajectory),
+                                         ROBOT.joint_names, 20)
+        except KaneError:
             continue
         good += 1
-        assert theirs is not None, data.hex()
-        assert (mine.times == theirs.times).all()
-        assert (mine.positions == theirs.positions).all()
+        assert np.isfinite(motion.times).all() and np.isfinite(motion.positions).all()
     assert good > 0.1 * TRAJECTORIES
 
 

@@ -10,7 +10,6 @@ Source: OMG DDSI-RTPS 2.5, chapter 10, and CORBA 3.3, section 9.3.
 
 from collections.abc import Sequence
 import struct
-from typing import Any
 
 from kane_dynamics.errors import InputError
 import numpy as np
@@ -76,11 +75,6 @@ class Reader:
         """Read a Time or a Duration: seconds and nanoseconds."""
         sec, nanosec = self._pair.unpack_from(self._data, self.advance(4, 2))
         return sec, nanosec
-
-    def number(self, code: str) -> Any:
-        """Read one number of a format character of `struct`."""
-        layout = struct.Struct(self.order + code)
-        return layout.unpack_from(self._data, self.advance(layout.size, 1))[0]
 
     def text(self) -> str:
         """Read a string."""

@@ -2,6 +2,7 @@
 
 from array import array
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Vector3, Wrench
@@ -11,6 +12,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Array = NDArray[np.float64]
@@ -20,6 +22,16 @@ NANO = 1_000_000_000
 
 class JointNamesError(InputError):
     """The joints of a trajectory are not those of the robot."""
+
+
+def message_of(data: bytes, kind: Any) -> Any:
+    """Return a message of a type from its bytes; InputError if they are malformed."""
+    try:
+        return deserialize_message(data, kind)
+    # RMWError is a RuntimeError
+    except (RuntimeError, MemoryError, ValueError) as error:
+        raise InputError(f'{kind.__name__} of {len(data)} bytes: {str(error)[:100]}; '
+                         'expected a message in a valid encoding') from None
 
 
 def nanoseconds(stamp: Time | Duration) -> int:

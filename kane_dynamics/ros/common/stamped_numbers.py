@@ -4,11 +4,7 @@ from collections.abc import Callable
 import struct
 from typing import Any, NamedTuple
 
-from kane_dynamics.errors import InputError
-from kane_dynamics.ros.common.cdr import Reader, TooShortError
-from kane_dynamics.ros.common.conversion import Array, NANO
-import numpy as np
-from rclpy.serialization import deserialize_message
+from kane_dynamics.ros.common.conversion import Array, message_of, NANO, nanoseconds
 
 # Reasons to drop a message
 NOT_FINITE, MALFORMED = 'not finite', 'malformed message'
@@ -26,10 +22,10 @@ class StampedNumbers(NamedTuple):
     numbers: Array
 
 
-def read_stamped(data: bytes, kind: Any, count: int,
+def read_stamped(data: bytes, kind: Any,
                  numbers_of: Callable[[Any], Array]) -> StampedNumbers:
     """
-    Read a message that is a Header, then doubles.
+    Read a serialized message of a header and numbers.
 
     Parameters
     ----------
@@ -37,10 +33,8 @@ def read_stamped(data: bytes, kind: Any, count: int,
         The serialized message.
     kind : message type
         Of the message.
-    count : int
-        Number of doubles.
     numbers_of : callable
-        Returns the doubles of a message, for encodings other than plain CDR.
+        Returns the numbers of a message.
 
     Raises
     ------
@@ -48,28 +42,9 @@ def read_stamped(data: bytes, kind: Any, count: int,
         The message is malformed.
 
     """
-    try:
-        reader = Reader(data)
-        sec, nanosec = reader.pair()
-        frame = reader.text()
-        begin = reader.advance(8, count)
-        numbers = np.frombuffer(data, reader.order + 'f8', count, begin)
-        numbers = numbers.astype(np.float64)
-    except TooShortError:  # rclpy rejects it too, but prints an error each time
-        raise
-    except InputError:  # rclpy reads more encodings than plain CDR
-        try:
-            message = deserialize_message(data, kind)
-        # RMWError is a RuntimeError
-        except (RuntimeError, MemoryError, ValueError) as error:
-            raise InputError(f'{kind.__name__} of {len(data)} bytes: '
-                             f'{str(error)[:100]}; expected a message in a valid '
-                             'encoding') from None
-        sec = message.header.stamp.sec
-        nanosec = message.header.stamp.nanosec
-        frame = message.header.frame_id
-        numbers = numbers_of(message)
-    return StampedNumbers(sec * NANO + nanosec, frame, numbers)
+    message = message_of(data, kind)
+    header = message.header
+    return StampedNumbers(nanoseconds(header.stamp), header.frame_id, numbers_of(message))
 
 
 def with_stamp(data: bytes, received: int) -> bytes:

@@ -118,7 +118,7 @@ class TargetInput:
 
     def on_pose(self, data: bytes) -> None:
         """Go to the pose of a serialized PoseStamped, or refuse it with the reason."""
-        message = self._accepted(POSE, data, PoseStamped, 7, _pose_numbers)
+        message = self._accepted(POSE, data, PoseStamped, _pose_numbers)
         if message is None:
             return
         # Numbers first, then the frame, then what depends on the state of the arm.
@@ -213,7 +213,7 @@ class TargetInput:
 
     def on_twist(self, data: bytes) -> None:
         """Move with a serialized TwistStamped, or refuse it with the reason."""
-        message = self._accepted(TWIST, data, TwistStamped, 6, _twist_numbers)
+        message = self._accepted(TWIST, data, TwistStamped, _twist_numbers)
         if message is None:
             return
         # In world axes, and no faster than the limits.
@@ -230,7 +230,7 @@ class TargetInput:
 
     def on_wrench(self, data: bytes) -> None:
         """Press with a serialized WrenchStamped, or refuse it with the reason."""
-        message = self._accepted(WRENCH, data, WrenchStamped, 6, wrench_array)
+        message = self._accepted(WRENCH, data, WrenchStamped, wrench_array)
         if message is None:
             return
         wrench = self._in_axes(WRENCH, message)
@@ -251,7 +251,7 @@ class TargetInput:
         self._stamps[WRENCH] = message.stamp
         self._target.press(numbers, turns, self._path.now)
 
-    def _accepted(self, topic: str, data: bytes, kind: Any, count: int,
+    def _accepted(self, topic: str, data: bytes, kind: Any,
                   numbers_of: Callable[[Any], Array]) -> StampedNumbers | None:
         """Return a message whose mode, numbers and stamp are valid, else None."""
         path = self._path
@@ -265,7 +265,7 @@ class TargetInput:
                          f'{mode}; expected {Mode.CARTESIAN_IMPEDANCE}')
             return None
         try:
-            message = read_stamped(data, kind, count, numbers_of)
+            message = read_stamped(data, kind, numbers_of)
         except InputError as error:
             self._refuse(topic, MALFORMED, str(error))
             return None

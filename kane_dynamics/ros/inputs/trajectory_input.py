@@ -1,13 +1,6 @@
-"""
-Read serialized joint trajectories and schedule them as desired motions.
-
-rclpy converts a message without releasing the interpreter; for thousands of points this
-blocks the torque path for tens of milliseconds. This module reads the message point by
-point.
-"""
+"""Schedule joint trajectories as desired motions."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
@@ -16,11 +9,11 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import require_smooth
-from kane_dynamics.ros.common.cdr import Reader
-from kane_dynamics.ros.common.conversion import (Array, check_points,
+from kane_dynamics.ros.common.conversion import (Array, message_of,
                                                  motion_from_message, NANO, nanoseconds)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
+from trajectory_msgs.msg import JointTrajectory
 
 
 # S by which a motion begins before or after its reception, beyond which that is said:
@@ -32,78 +25,6 @@ JUDGED = NANO // 20  # ns: a check of a motion that takes longer is repeated
 
 class PastMotionError(InputError):
     """A motion ended in the past."""
-
-
-class CdrTime(NamedTuple):
-    """A Time or a Duration."""
-
-    sec: int
-    nanosec: int
-
-
-@dataclass(frozen=True, eq=False)
-class TrajectoryHeader:
-    """The part of a Header that is used."""
-
-    stamp: CdrTime
-    frame_id: str
-
-
-@dataclass(frozen=True, eq=False)
-class ReceivedPoint:
-    """The part of a JointTrajectoryPoint that is used."""
-
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    time_from_start: CdrTime
-
-
-@dataclass(frozen=True, eq=False)
-class ReceivedTrajectory:
-    """The part of a JointTrajectory that is used."""
-
-    header: TrajectoryHeader
-    joint_names: list[str]
-    points: list[ReceivedPoint]
-
-
-def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
-    """
-    Read a serialized JointTrajectory.
-
-    Raises
-    ------
-    InputError
-        The message is not valid CDR or has too many points.
-
-    """
-    return next_trajectory(Reader(data), max_points)
-
-
-def next_trajectory(reader: Reader, max_points: int) -> ReceivedTrajectory:
-    """
-    Read a JointTrajectory that begins at the next byte of a message.
-
-    Raises
-    ------
-    InputError
-        As `read_trajectory`.
-
-    """
-    stamp = CdrTime(*reader.pair())
-    frame_id = reader.text()
-    names = reader.texts()
-    count = reader.word()
-    if count:
-        check_points(count, max_points)
-    points = []
-    for _ in range(count):
-        positions, velocities, accelerations = (reader.doubles() for _ in range(3))
-        reader.doubles()  # efforts
-        points.append(ReceivedPoint(positions, velocities, accelerations,
-                                    CdrTime(*reader.pair())))
-    return ReceivedTrajectory(TrajectoryHeader(stamp, frame_id), names, points)
 
 
 def follow_trajectory(path: TorquePath, data: bytes, received: int,
@@ -151,7 +72,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
         raise InputError('joint_trajectory: received before the node was activated, '
                          'ended its motion, timed out, or changed clock or mode; '
                          'expected a later one')
-    message = read_trajectory(data, values['trajectory.max_points'])
+    message = message_of(data, JointTrajectory)
     if not message.points:
         active_motion.clear('a trajectory without points on ~/joint_trajectory')
         return 'no points; the desired motion ends'
@@ -181,7 +102,7 @@ def start_in_words(start: int, now: int) -> str:
     return ''
 
 
-def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
+def schedule_motion(path: TorquePath, message: JointTrajectory, now: int,
                     generation: int, values: Mapping[str, Any],
                     refuse: Refusal) -> tuple[Motion, int]:
     """
@@ -191,7 +112,7 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
     ----------
     path : TorquePath
         The running torque path.
-    message : ReceivedTrajectory
+    message : JointTrajectory
         The trajectory.
     now, generation : int
         Node's clock, ns, and `generation` of the active motion, when the message was
@@ -250,7 +171,7 @@ class _JudgedMotion(NamedTuple):
     entry: int
 
 
-def _judged(path: TorquePath, message: ReceivedTrajectory, now: int,
+def _judged(path: TorquePath, message: JointTrajectory, now: int,
             values: Mapping[str, Any], refuse: Refusal) -> _JudgedMotion:
     """Return the motion of a message for a time `now`, ns; raise as `schedule_motion`."""
     # A stamp of zero begins on receipt; later ones are in the future or in progress.

@@ -21,14 +21,10 @@ from kane_dynamics.ros.common.conversion import (Array, doubles, duration,
                                                  JointNamesError, NANO)
 from kane_dynamics.ros.inputs.trajectory_input import (
     PastMotionError, schedule_motion, start_in_words)
-from kane_dynamics.ros.joint_trajectory_action.goal_message import (GoalReader,
-                                                                    TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (GoalMonitor,
                                                                     GoalOutcome,
                                                                     ResultCode)
 from kane_dynamics.ros.joint_trajectory_action.goal_tolerances import goal_tolerances
-from kane_dynamics.ros.joint_trajectory_action.serialized_goals import (
-    with_serialized_goals)
 from kane_dynamics.ros.joint_trajectory_action.state_record import StateRecord
 from kane_dynamics.ros.joint_trajectory_action.stop_motion import (Demand, limit_demand,
                                                                    stop_along, stop_from)
@@ -49,6 +45,8 @@ NAME = 'follow_joint_trajectory'
 # takes the interpreter for about a millisecond.
 PERIOD = 0.05
 CLOSING, SENDING = 0.3, 0.05  # s, to end a goal, and to send its result
+COORDINATES = ('planar and floating joints have the coordinates <joint>/x and so on in '
+               '`trajectory`')
 # Modes whose feedback follows a motion of the joints
 FEEDBACK_MODES = ('computed_torque', 'joint_impedance', 'motor_side')
 
@@ -144,7 +142,7 @@ class JointTrajectoryAction:
     Raises
     ------
     InputError
-        The package control_msgs is not installed, or has another action of this name.
+        The package control_msgs is not installed.
 
     """
 
@@ -152,7 +150,6 @@ class JointTrajectoryAction:
                  running: Callable[[], tuple[TorquePath, ServedRobot]],
                  reject: Callable[[str], None]) -> None:
         self._type = follow_joint_trajectory_type()
-        self._reader = GoalReader(self._type)
         self._server = server
         self._log = front.get_logger()
         self._running = running
@@ -162,10 +159,8 @@ class JointTrajectoryAction:
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._goal: FollowedGoal | None = None
         self._timer: Any = None
-        # Goals stay serialized until they are accepted, because points are read with
-        # checks.
         self._action = ActionServer(
-            server, with_serialized_goals(self._type),
+            server, self._type,
             front.resolve_service_name(f'~/{NAME}'), self._follow,
             result_timeout=RESULT_TIMEOUT, callback_group=ReentrantCallbackGroup(),
             cancel_callback=self._cancel)
@@ -192,7 +187,8 @@ class JointTrajectoryAction:
         if mode not in FEEDBACK_MODES:
             raise InputError(f'mode: {mode}; expected one with feedback '
                              f'({", ".join(FEEDBACK_MODES)})')
-        message = self._reader.read(handle.request, values['trajectory.max_points'])
+        message = handle.request
+        _refuse_coordinates(message)
         _refuse_unknown_joints(message, served.robot, path.controller.followed)
         tolerances = goal_tolerances(message, path.controller.followed,
                                      served.robot.joint_names, values)
@@ -419,7 +415,20 @@ def _code(error: Exception) -> ResultCode:
     return ResultCode.INVALID_GOAL
 
 
-def _refuse_unknown_joints(message: TrajectoryGoal, robot: Robot,
+def _refuse_coordinates(message: Any) -> None:
+    """Raise InputError if a goal has joints with several coordinates."""
+    multi = message.multi_dof_trajectory
+    if multi.joint_names or multi.points:
+        raise InputError(f'multi_dof_trajectory: {len(multi.joint_names)} joints, '
+                         f'{len(multi.points)} points; expected none, as {COORDINATES}')
+    for field_name in ('component_path_tolerance', 'component_goal_tolerance'):
+        count = len(getattr(message, field_name))
+        if count:
+            raise InputError(f'{field_name}: {count} entries; expected none, as '
+                             f'{COORDINATES}')
+
+
+def _refuse_unknown_joints(message: Any, robot: Robot,
                            followed: tuple[str, ...]) -> None:
     """Raise JointNamesError if a goal names joints that the robot does not have."""
     # A mimic joint is a joint of a body, but no coordinate.

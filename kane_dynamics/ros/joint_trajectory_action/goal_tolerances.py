@@ -8,7 +8,6 @@ from typing import Any
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import (Array, JointNamesError, NANO,
                                                  nanoseconds)
-from kane_dynamics.ros.joint_trajectory_action.goal_message import TrajectoryGoal
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 import numpy as np
 
@@ -49,7 +48,7 @@ class GoalTolerances:
     time: float
 
 
-def goal_tolerances(message: TrajectoryGoal, joints: Sequence[str],
+def goal_tolerances(message: Any, joints: Sequence[str],
                     every_joint: Sequence[str],
                     values: Mapping[str, Any]) -> GoalTolerances:
     """
@@ -57,8 +56,7 @@ def goal_tolerances(message: TrajectoryGoal, joints: Sequence[str],
 
     Parameters
     ----------
-    message : TrajectoryGoal
-        The goal.
+    message : FollowJointTrajectory.Goal
     joints : sequence of n str
         The joints that follow motions.
     every_joint : sequence of str
@@ -91,14 +89,14 @@ def goal_tolerances(message: TrajectoryGoal, joints: Sequence[str],
         _resolved(seconds, values['trajectory.goal_time'], 'goal_time_tolerance'))
 
 
-def _stated(entries: Sequence[Mapping[str, Any]], field: str, joints: Sequence[str],
+def _stated(entries: Sequence[Any], field: str, joints: Sequence[str],
             defaults: StateTolerance) -> StateTolerance:
     """Return the tolerances of the entries of a goal, and defaults for other joints."""
     columns = [getattr(defaults, quantity).copy() for quantity in QUANTITIES]
     named: set[str] = set()
     # An entry replaces the defaults of one joint.
     for entry in entries:
-        name = entry['name']
+        name = entry.name
         if name not in joints:
             raise JointNamesError(f"{field}: '{name}'; expected joints of "
                                   f'{", ".join(joints)}')
@@ -106,13 +104,13 @@ def _stated(entries: Sequence[Mapping[str, Any]], field: str, joints: Sequence[s
             raise InputError(f"{field}: '{name}' twice; expected each joint once")
         named.add(name)
         # Newer releases of control_msgs have this field.
-        effort = entry.get('effort', DEFAULT)
+        effort = getattr(entry, 'effort', DEFAULT)
         if effort not in (DEFAULT, NONE):
             raise InputError(f"{field} of '{name}': effort {effort:g}; expected 0 or -1, "
                              'because efforts are not compared')
         j = list(joints).index(name)
         for quantity, column in zip(QUANTITIES, columns):
-            column[j] = _resolved(entry[quantity], float(column[j]),
+            column[j] = _resolved(getattr(entry, quantity), float(column[j]),
                                   f"{field} of '{name}': {quantity}")
     return StateTolerance(*columns)
 

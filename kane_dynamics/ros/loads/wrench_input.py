@@ -215,7 +215,7 @@ class WrenchInput:
         # Each check has its own reason, which is counted and warned of.
         now = self._now()
         try:
-            stamp, frame, wrench = read_stamped(data, WrenchStamped, 6, wrench_array)
+            stamp, frame, wrench = read_stamped(data, WrenchStamped, wrench_array)
         except InputError as error:
             self._reject(MALFORMED, str(error))
             return

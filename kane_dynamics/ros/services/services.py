@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.ros.common.conversion import message_of
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,
@@ -126,7 +127,8 @@ class Services(Node):
         try:
             served = self._require()
             served.apply_loads()
-            self._filled.publish(filled_message(served, data))
+            message = message_of(data, JointTrajectory)
+            self._filled.publish(filled_message(served, message))
         except KaneError as error:
             self._reject(str(error))
 

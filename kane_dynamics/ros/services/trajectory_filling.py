@@ -11,16 +11,12 @@ from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.cdr import HEAD, STAMP, STAMP_AT, Writer
-from kane_dynamics.ros.common.conversion import (Array, NANO,
+from kane_dynamics.ros.common.conversion import (Array, message_of_points,
                                                  nanoseconds, point_columns)
-from kane_dynamics.ros.inputs.trajectory_input import read_trajectory, TrajectoryHeader
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
-import numpy as np
-
-FIELDS = ('positions', 'velocities', 'accelerations')
+from trajectory_msgs.msg import JointTrajectory
 
 
 @dataclass(frozen=True)
@@ -63,60 +59,28 @@ class FillSettings:
                    clip=values['feedforward.clip'])
 
 
-def filled_message(served: ServedRobot, data: bytes) -> bytes:
+def filled_message(served: ServedRobot, message: JointTrajectory) -> JointTrajectory:
     """
-    Return a serialized JointTrajectory with all fields filled in.
+    Return a JointTrajectory with all fields filled in.
 
     Raise InputError if invalid.
 
     An empty trajectory, which ends the motion of the controller, is returned unchanged.
     """
-    max_points = served.values['trajectory.max_points']
-    message = read_trajectory(data, max_points)
     if not message.points:
-        return data
+        return message
     # A trajectory that starts on receipt begins where the arm is, which is checked
     # then.
     names = message.joint_names
-    columns = point_columns(message, names, max_points)
+    columns = point_columns(message, names, served.values['trajectory.max_points'])
     on_receipt = not nanoseconds(message.header.stamp)
     _refuse_impossible(served, names, columns, executed=on_receipt)
-    return serialized_trajectory(message.header, _filled(served, names, columns))
-
-
-def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) -> bytes:
-    """
-    Return a serialized JointTrajectory with all fields.
-
-    All points have the same layout, which numpy writes at once: each field is a count,
-    padding to 8 bytes, and doubles; then the time. Only the first point may begin in the
-    middle of 8 bytes; its first count then needs no padding.
-    """
-    writer = Writer()
-    writer.reserve(4, 2)
-    STAMP.pack_into(writer.data, STAMP_AT, *header.stamp)
-    writer.text(header.frame_id)
-    writer.texts(filled.joint_names)
-    # CDR: a count before each sequence, and doubles at multiples of eight bytes.
-    writer.word(len(filled.times))
-    n = len(filled.joint_names)
-    fields = (*FIELDS, 'efforts')
-    sequence = [('count', '<u4'), ('padding', '<u4'), ('values', '<f8', (n,))]
-    layout: list[Any] = [(name, sequence) for name in fields]
-    layout += [('sec', '<i4'), ('nanosec', '<u4')]
-    points = np.zeros(len(filled.times), dtype=layout)
-    for name in fields:
-        points[name]['count'] = n
-        points[name]['values'] = getattr(filled, name)
-    times = np.rint(filled.times * NANO).astype(np.int64)
-    sec, nanosec = np.divmod(times, NANO)
-    points['sec'] = sec
-    points['nanosec'] = nanosec
-    # The first doubles may be aligned already where the points begin.
-    body = points.tobytes()
-    if (len(writer.data) - HEAD) % 8:
-        body = body[:4] + body[8:]  # without the padding behind the first count
-    return bytes(writer.data) + body
+    filled = _filled(served, names, columns)
+    answer = message_of_points(filled.joint_names, filled.times, {
+        'positions': filled.positions, 'velocities': filled.velocities,
+        'accelerations': filled.accelerations, 'effort': filled.efforts})
+    answer.header = message.header
+    return answer
 
 
 def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequence[Any],

@@ -7,12 +7,12 @@ from typing import NamedTuple
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
                                           TooShortError, write_joint_state)
-from kane_dynamics.ros.common.conversion import Array, Index, joint_places, NANO
+from kane_dynamics.ros.common.conversion import (Array, Index, joint_places,
+                                                 message_of, NANO)
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.torque_path.drop_reasons import (ELSEWHERE, FOREIGN, MISSING,
                                                         NO_VELOCITY, SHORT, TWICE)
 import numpy as np
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 MAX_LAYOUTS = 8  # cached layouts, one for each publisher
@@ -241,10 +241,9 @@ class JointStateReader:
         except InputError:  # rclpy reads more encodings than plain CDR
             pass
         try:
-            message = deserialize_message(data, JointState)
-        # RMWError is a RuntimeError
-        except (RuntimeError, MemoryError, ValueError) as error:
-            self.detail = f'{len(data)} bytes: {str(error)[:100]}'
+            message = message_of(data, JointState)
+        except InputError as error:
+            self.detail = str(error)
             return MALFORMED
         stamp = message.header.stamp
         self.sec = stamp.sec

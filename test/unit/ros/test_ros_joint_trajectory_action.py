@@ -12,17 +12,15 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from kane_dynamics import (  # noqa: E402, I100
+from builtin_interfaces.msg import Duration  # noqa: E402, I100
+from kane_dynamics import (  # noqa: E402
     InputError, load_urdf, Motion, Robot, SmoothMotion)
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.control.elastic_control import derivatives_of  # noqa: E402
 from kane_dynamics.motion.smooth_motion import require_smooth  # noqa: E402
 from kane_dynamics.ros.common.conversion import JointNamesError  # noqa: E402
-from kane_dynamics.ros.inputs.trajectory_input import CdrTime  # noqa: E402
 from kane_dynamics.ros.joint_trajectory_action.action_server import (  # noqa: E402
     follow_joint_trajectory_type, FollowedGoal, JointTrajectoryAction)
-from kane_dynamics.ros.joint_trajectory_action.goal_message import (  # noqa: E402
-    TrajectoryGoal)
 from kane_dynamics.ros.joint_trajectory_action.goal_monitor import (  # noqa: E402
     ACCELERATION_WINDOW, GoalMonitor, ResultCode)
 from kane_dynamics.ros.joint_trajectory_action.goal_tolerances import (  # noqa: E402
@@ -148,14 +146,15 @@ EVERY_JOINT = ('b', 'passive', 'a')
 
 
 def entry(name, position=0.0, velocity=0.0, acceleration=0.0, **others):
-    return {'name': name, 'position': position, 'velocity': velocity,
-            'acceleration': acceleration, **others}
+    return SimpleNamespace(name=name, position=position, velocity=velocity,
+                           acceleration=acceleration, **others)
 
 
 def stated(path=(), goal=(), seconds=(0, 0)):
-    return goal_tolerances(
-        TrajectoryGoal(None, list(path), list(goal), CdrTime(*seconds)),
-        JOINTS, EVERY_JOINT, VALUES)
+    sec, nanosec = seconds
+    goal = SimpleNamespace(path_tolerance=path, goal_tolerance=goal,
+                           goal_time_tolerance=Duration(sec=sec, nanosec=nanosec))
+    return goal_tolerances(goal, JOINTS, EVERY_JOINT, VALUES)
 
 
 def test_zero_means_the_parameter_and_minus_one_none():

@@ -17,7 +17,6 @@ from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E
 from kane_dynamics.ros.services.trajectory_filling import filled_message  # noqa: E402
 from node_values import served_robot, UNCHECKED  # noqa: E402
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 NANO = 10**9
@@ -106,14 +105,12 @@ def test_an_impossible_motion_is_refused_with_the_reason(fault):
 def test_the_topic_of_filled_trajectories_has_the_same_rules(fault):
     times, rows, reason = IMPOSSIBLE[fault]
     with pytest.raises(KaneError, match=reason):
-        filled_message(served({'feedforward.clip': True}), serialize_message(
-            trajectory(times, rows)))
+        filled_message(served({'feedforward.clip': True}), trajectory(times, rows))
 
 
 def test_a_trajectory_that_starts_later_may_start_elsewhere():
     times, rows, _ = IMPOSSIBLE['far from the arm']
-    filled_message(served(),
-                   serialize_message(trajectory(times, rows, stamp=2_000_000_000)))
+    filled_message(served(), trajectory(times, rows, stamp=2_000_000_000))
 
 
 def test_an_arm_outside_its_limits_may_move_back():
@@ -178,7 +175,7 @@ def test_a_motion_sets_out_at_the_speed_of_the_arm_and_ends_at_rest(fault):
         for point, speed in zip(message.points, speeds):
             point.velocities = speed.tolist()
         with pytest.raises(KaneError, match=reason):
-            filled_message(served(), serialize_message(message))
+            filled_message(served(), message)
     else:
         refuse_impossible(served(), jumps, HOME, 0.0, moving)
         refuse_impossible(served(), jumps)
@@ -197,7 +194,7 @@ def test_what_is_filled_to_be_executed_at_once_begins_at_the_speed_of_the_arm():
 
     def fill(rates):
         return filled_message(served_robot(ARM, {}, lambda: HOME, lambda: rates),
-                              serialize_message(message))
+                              message)
     with pytest.raises(KaneError, match=r'velocity -0\.5 .* out \(0 s\); expected 0,'):
         fill(np.zeros(7))
     fill(speeds[0])

@@ -23,7 +23,6 @@ from kane_dynamics.ros.services.trajectory_filling import filled_message  # noqa
 from kane_dynamics_interfaces.srv import (  # noqa: E402
     Explain, ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
 from node_values import served_robot  # noqa: E402
-from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 PATIENCE = 30.0  # s
@@ -76,8 +75,7 @@ def test_requests_compile_nothing_once_their_kernels_are_ready(monkeypatch, made
         point = JointTrajectoryPoint(positions=row.tolist())
         point.time_from_start.sec = second
         message.points.append(point)
-    filled = deserialize_message(filled_message(served, serialize_message(message)),
-                                 JointTrajectory)
+    filled = filled_message(served, message)
     assert np.isfinite([point.effort for point in filled.points]).all()
     motion = Motion.from_points([0.0, 1.0], rows, joint_names=names)
     times = np.array([0.0, 0.5])

@@ -376,7 +376,8 @@ def refusal(rig, send):
     (lambda rig, pose: rig.send_pose(pose, stamp=rig.now + NANO), 'stamp in the future',
      '1.000 s ahead'),
     (lambda rig, pose: rig.send_pose(np.full((4, 4), np.nan)), 'not finite', 'nan'),
-    (lambda rig, pose: rig.targets.on_pose(b'\0\1\0\0'), 'malformed', 'at least'),
+    (lambda rig, pose: rig.targets.on_pose(b'\0\1\0\0'), 'malformed',
+     'valid encoding'),
 ])
 def test_a_pose_is_refused_with_the_reason(change, reason, words):
     rig = Rig()
