@@ -47,6 +47,18 @@ def positions(trajectory):
     return np.array([point.positions for point in trajectory.points])
 
 
+def test_one_node_has_all_services_topics_and_actions(node):
+    assert node.get_node_names().count('kane_dynamics') == 1
+    assert 'kane_dynamics_services' not in node.get_node_names()
+    of_node = 'kane_dynamics', '/'
+    services = dict(node.get_service_names_and_types_by_node(*of_node))
+    for name in ('simulate', 'set_payload', 'get_state', 'set_parameters',
+                 'simulate_motion/_action/send_goal'):
+        assert f'/kane_dynamics/{name}' in services
+    topics = dict(node.get_subscriber_names_and_types_by_node(*of_node))
+    assert {'/joint_states', '/kane_dynamics/joint_trajectory'} <= topics.keys()
+
+
 def test_inverse_dynamics_answers_in_the_order_of_the_request(node, robot):
     expected = robot.inverse_dynamics(np.array(Q), np.array(U), np.array(A))
     answer = node.call(InverseDynamics, 'inverse_dynamics', position=Q, velocity=U,

@@ -4,7 +4,6 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-import threading
 import time
 from typing import Any
 
@@ -31,6 +30,7 @@ from kane_dynamics.ros.common.rcl_functions import (destroy_subscription_of_thre
                                                     guard_condition,
                                                     subscription_of_thread,
                                                     UnsupportedError)
+from kane_dynamics.ros.common.service_errors import reported
 from kane_dynamics.ros.common.stamped_numbers import with_stamp
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.common.transform_tree import tf_message_type, TransformTree
@@ -100,9 +100,9 @@ class ConfiguredRobot:
     """
     The resources of a configured node, from configure to cleanup.
 
-    The torque path, the services and the simulations run in three threads with one robot
-    each. Gravity and payload are passed to each as one record, which it applies between
-    two cycles or requests. Commanded torques, filled trajectories, inverse dynamics and
+    The torque path, requests and the worker of simulations have one robot each. Gravity
+    and payload are passed to each as one record, which it applies between two cycles or
+    requests. Commanded torques, filled trajectories, inverse dynamics and
     the torques of the monitors include the quasi-static deflection of flexible links
     (`QuasiStatic`); all other results treat these links as rigid.
 
@@ -161,7 +161,6 @@ class ConfiguredRobot:
         self.statistics = statistics
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        self._lock = threading.Lock()  # guards the loads, which two threads change
         self.loads: GravityAndPayload = parameter_loads(model, values)
         self._stated_payload = self.loads.payload  # by parameter or ~/set_payload
         self._attached_payload = Inertial()  # of the objects of MoveIt
@@ -207,7 +206,7 @@ class ConfiguredRobot:
         if self._needs_interpreter and not self.fault:
             self._refuse_native(self._needs_interpreter)
         self._compile_first(controller)
-        # Each of the three threads has its own robots, whose kernels are shared.
+        # Torque path, requests and worker have their own robots, whose kernels are shared.
         self._for_requests = shared_copy(self.robot)
         self._for_simulations = shared_copy(self.robot)
         self._bending_for_requests: QuasiStatic | None = None
@@ -221,7 +220,6 @@ class ConfiguredRobot:
         with ExitStack() as opened:
             self._open(controller, loops, opened)
             self._opened = opened.pop_all()
-        server.spinner.wake()
 
     def _examine_overrides(self) -> bool:
         """Return whether qos_overrides change a topic; warn of those that do not."""
@@ -291,7 +289,6 @@ class ConfiguredRobot:
               opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
         node = self._node
-        server = self._server
         values = self.values
         warn = self._warn
 
@@ -326,7 +323,7 @@ class ConfiguredRobot:
         if not self.fault:
             self._open_task_topics(publisher, opened)
             self.drift = DriftWatch(
-                server, self.path,
+                node, self.path,
                 [self.robot.joint_names[k]
                  for k in commanded_joints(self.robot, controller.followed)],
                 self._now, lambda: self._commands.get_subscription_count() > 0,
@@ -344,10 +341,10 @@ class ConfiguredRobot:
         self.path.set_loads(self.loads)
         self._distribute()
         if self.gravity_source is not None:
-            imu = server.create_subscription(
-                Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
+            imu = node.create_subscription(
+                Imu, values['imu.topic'], reported(self._on_imu, node.get_logger()),
                 BEST_EFFORT)
-            opened.callback(server.destroy_subscription, imu)
+            opened.callback(node.destroy_subscription, imu)
         if self._transforms is not None:
             self._open_transforms(self._transforms, opened)
         if values['attached_objects.topic']:
@@ -355,24 +352,22 @@ class ConfiguredRobot:
         self.owners = self._owners_of_parameters()
 
     def _open_transforms(self, transforms: TransformTree, opened: ExitStack) -> None:
-        """Subscribe to the transforms of tf2, in the services' thread."""
-        node, server = self._node, self._server
+        """Subscribe to the transforms of tf2."""
+        node = self._node
         try:
             kind = tf_message_type()
         except InputError as error:
             node.get_logger().warning(str(error))
             return
-        # In the services' thread, because transforms are many and the torque path needs
-        # few.
         for topic, static, qos in (('/tf', False, TRANSFORMS),
                                    ('/tf_static', True, STATIC_TRANSFORMS)):
-            opened.callback(server.destroy_subscription, server.create_subscription(
-                kind, node.resolve_topic_name(topic),
-                partial(transforms.on_message, static=static), qos))
+            opened.callback(node.destroy_subscription, node.create_subscription(
+                kind, topic, partial(reported(transforms.on_message, node.get_logger()),
+                                     static=static), qos))
 
     def _open_scene(self, topic: str, opened: ExitStack) -> None:
-        """Subscribe to the scene of MoveIt, in the services' thread."""
-        node, server = self._node, self._server
+        """Subscribe to the scene of MoveIt."""
+        node = self._node
         try:
             scene, request = scene_types()
         except InputError as error:
@@ -384,10 +379,11 @@ class ConfiguredRobot:
         self.attached_objects = objects
         # The scene reports later changes, the request the present state.
         topic = node.resolve_topic_name(topic)
-        opened.callback(server.destroy_subscription, server.create_subscription(
-            scene, topic, objects.on_scene, SCENES))
+        on_scene = reported(objects.on_scene, node.get_logger())
+        opened.callback(node.destroy_subscription, node.create_subscription(
+            scene, topic, on_scene, SCENES))
         # Objects may be attached already; the scene may begin later.
-        opened.callback(SceneRequest(server, request, topic, objects.on_scene).close)
+        opened.callback(SceneRequest(node, request, topic, on_scene).close)
 
     def _open_path(self, controller: Controller, torques: Publisher, opened: ExitStack,
                    arguments: tuple[Any, ...]) -> tuple[TorquePath, Any]:
@@ -471,7 +467,7 @@ class ConfiguredRobot:
         frame = controlled_frame(values, self.robot.model)
         if rate and controller.laws:
             # Observers of the path publish at their own rates, behind the torques.
-            topic = TaskStateTopic(self._server,
+            topic = TaskStateTopic(node,
                                    publisher(TaskState, '~/task_state', RELIABLE), rate,
                                    frame, controller, self.modes.laws)
             opened.callback(topic.close)
@@ -732,8 +728,6 @@ class ConfiguredRobot:
         """
         Use the payload of a SetPayload request from the next state on.
 
-        Called in the services' thread.
-
         Raises
         ------
         InputError
@@ -793,9 +787,8 @@ class ConfiguredRobot:
         self._warn(reason, detail)
 
     def _change(self, **changes: Any) -> None:
-        """Replace some of the loads and pass loads and parameters to all threads."""
-        # Both locks in the order of `update`, which changes loads among other things.
-        with self.path.one_change(), self._lock:
+        """Replace some of the loads and pass loads and parameters on."""
+        with self.path.one_change():
             if changes:
                 self.loads = replace(self.loads, **changes)
                 self.path.set_loads(self.loads)

@@ -1,17 +1,15 @@
 """
-The program `kane_dynamics`: entry point, executors, threads, shutdown.
+The program `kane_dynamics`: entry point, executor, shutdown.
 
-The torque path spins in the main thread on the EventsExecutor, whose overhead for each
-message is an order of magnitude lower than that of the other executors; the services
-spin in a second thread. Signals do not interrupt callbacks, and the node commands zeros
-before it exits. They are handled before the long imports begin, which is why functions
-import here.
+The node spins in the main thread on the EventsExecutor, whose overhead for each message
+is an order of magnitude lower than that of the other executors. Signals do not interrupt
+callbacks, and the node commands zeros before it exits. They are handled before the long
+imports begin, which is why functions import here.
 """
 
 from collections.abc import Sequence
 import gc
 import sys
-import threading
 from typing import Any
 
 from kane_dynamics.ros.common.early_signals import exit_on_signal
@@ -19,6 +17,7 @@ from kane_dynamics.ros.common.early_signals import exit_on_signal
 # Longest time for which another thread holds the interpreter while the torque path
 # waits, s.
 SWITCH_INTERVAL = 5e-5
+SENDING = 0.05  # s, in which the results of goals and requests are sent at the end
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,12 +52,9 @@ def spin_node(stop: Any) -> None:
     """Make the node and spin it until the future `stop`."""
     from kane_dynamics.ros.common.process import make_executor, spin
     from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+    from rclpy.task import Future
     node = DynamicsNode()
     executor = make_executor(node)
-
-    # Services run in their own thread; the torque path spins here.
-    services = threading.Thread(target=node.server.spin, name='services', daemon=True)
-    services.start()
     try:
         node.autostart()
         spin(node, executor, stop, failed=node.on_failure)
@@ -66,9 +62,8 @@ def spin_node(stop: Any) -> None:
         # Zeros first, then goals and services end.
         node.halt()
         node.stop_compiling()
-        node.end_goals()
-        node.server.stop()
-        services.join(timeout=1.0)
+        node.end_requests()
+        executor.spin_until_future_complete(Future(), SENDING)
         executor.shutdown()
 
 

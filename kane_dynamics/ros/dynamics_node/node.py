@@ -17,7 +17,7 @@ from kane_dynamics.ros.common.configuration_files import (load_model, locked_joi
                                                           resolve_path)
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
-from kane_dynamics.ros.common.service_errors import answer_service_errors
+from kane_dynamics.ros.common.service_errors import answer_service_errors, reported
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
@@ -41,7 +41,6 @@ from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
@@ -66,7 +65,7 @@ class DynamicsNode(LifecycleNode):
     arm : ConfiguredRobot or None
         The robot, from configure to cleanup.
     server : Services
-        The node of services and requests, in its own thread.
+        Services and topics of requests.
     statistics : Statistics
         Counters since the node was configured.
 
@@ -111,7 +110,7 @@ class DynamicsNode(LifecycleNode):
         self._reported_at = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   RELIABLE)
-        self._timers_of_parameters: list[tuple[Node, Any]] = []  # with their owners
+        self._timers_of_parameters: list[Any] = []
         self._start_timers()
 
     @property
@@ -305,10 +304,11 @@ class DynamicsNode(LifecycleNode):
         if self.arm is not None:
             self.arm.later_kernels.close()
 
-    def end_goals(self) -> None:
-        """End the goal of a node that has halted, before the services stop."""
+    def end_requests(self) -> None:
+        """End the goals and the requests of a node that has halted."""
         if self.trajectory_action is not None:
             self.trajectory_action.close()
+        self.server.stop()
 
     # What the transitions do.
 
@@ -382,7 +382,7 @@ class DynamicsNode(LifecycleNode):
         if arm is not None:
             arm.close()
 
-    # Messages and requests, in the services' thread.
+    # Messages and requests.
 
     def _accepting(self) -> tuple[TorquePath, ServedRobot]:
         """Return as `_running`; InputError also while a collision stops the arm."""
@@ -479,28 +479,27 @@ class DynamicsNode(LifecycleNode):
 
         The watchdog of joint states uses the node's clock if time is simulated, because
         no state becomes stale while simulated time is paused; a second watchdog then
-        monitors the clock. Otherwise it uses steady time. Diagnostics use steady time in
-        the services' thread, because they take longer than a cycle may wait.
+        monitors the clock. Otherwise it uses steady time, like diagnostics.
         """
-        for owner, timer in self._timers_of_parameters:
-            owner.destroy_timer(timer)
+        for timer in self._timers_of_parameters:
+            self.destroy_timer(timer)
         self._timers_of_parameters = []
         # Several looks within the timeout; a simulated clock that stands stops the
         # watchdog, which another timer reports.
         watchdog_period = max(0.2 * self.values['state_timeout'], 1e-3)
         watchdog_clock = self.get_clock() if self._simulated_time else self._steady
-        self._start_timer(self, watchdog_period, self._check_timeout, watchdog_clock)
-        self._start_timer(self.server, 1.0 / self.values['diagnostics_rate'],
-                          self._publish_diagnostics, self._steady)
+        self._start_timer(watchdog_period, self._check_timeout, watchdog_clock)
+        self._start_timer(1.0 / self.values['diagnostics_rate'],
+                          reported(self._publish_diagnostics, self.get_logger()),
+                          self._steady)
         if self._simulated_time:
-            self._start_timer(self, LOST_CLOCK / 4.0, self._check_sim_time, self._steady)
-        self.server.spinner.wake()
+            self._start_timer(LOST_CLOCK / 4.0, self._check_sim_time, self._steady)
 
-    def _start_timer(self, owner: Node, period: float, callback: Callable[[], None],
+    def _start_timer(self, period: float, callback: Callable[[], None],
                      clock: Clock) -> None:
         """Start a timer that a change of parameters restarts."""
-        timer = owner.create_timer(period, callback, clock=clock)
-        self._timers_of_parameters.append((owner, timer))
+        timer = self.create_timer(period, callback, clock=clock)
+        self._timers_of_parameters.append(timer)
 
     def _check_timeout(self) -> None:
         if self.arm is not None:
@@ -511,7 +510,7 @@ class DynamicsNode(LifecycleNode):
         self._sim_time.check(None if self.arm is None else self.arm.path)
 
     def _publish_diagnostics(self) -> None:
-        """Close a reporting period; called in the services' thread."""
+        """Close a reporting period."""
         now = time.monotonic()
         period = now - self._reported_at
         if self.arm is None and period < LEAST_WITHOUT_ARM:

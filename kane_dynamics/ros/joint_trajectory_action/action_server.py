@@ -1,5 +1,5 @@
 """
-The action FollowJointTrajectory, in the services' thread.
+The action FollowJointTrajectory.
 
 A goal becomes the desired motion of the torque path, after the same checks as a message
 on ~/joint_trajectory. While it is followed, the torque path records its states, and a
@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
-import time
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
@@ -44,7 +43,6 @@ NAME = 'follow_joint_trajectory'
 # s between two judgements, and two feedback messages. Shorter ones delay torques: each
 # takes the interpreter for about a millisecond.
 PERIOD = 0.05
-CLOSING, SENDING = 0.3, 0.05  # s, to end a goal, and to send its result
 COORDINATES = ('planar and floating joints have the coordinates <joint>/x and so on in '
                '`trajectory`')
 # Modes whose feedback follows a motion of the joints
@@ -75,7 +73,7 @@ class FollowedGoal:
     handle : ServerGoalHandle
     path : TorquePath
     robot : Robot
-        Of the services' thread.
+        Of requests.
     motion : Motion
     start : int
         Start of the motion, ns.
@@ -129,13 +127,12 @@ class JointTrajectoryAction:
 
     Parameters
     ----------
-    front : Node
-        The node whose name resolves the name of the action.
+    node : Node
     server : Services
-        The node that serves it.
+        Its robot computes stops.
     running : callable
-        Returns the running torque path and the robot of the services' thread; raises
-        InputError if the node is not active.
+        Returns the running torque path and the robot of requests; raises InputError if
+        the node is not active.
     reject : callable
         Called with the reason of each refused goal.
 
@@ -146,33 +143,42 @@ class JointTrajectoryAction:
 
     """
 
-    def __init__(self, front: Node, server: Services,
+    def __init__(self, node: Node, server: Services,
                  running: Callable[[], tuple[TorquePath, ServedRobot]],
                  reject: Callable[[str], None]) -> None:
         self._type = follow_joint_trajectory_type()
+        self._node = node
         self._server = server
-        self._log = front.get_logger()
+        self._log = node.get_logger()
         self._running = running
         self._reject = reject
         # Deadlines of goals count in steady time, also while the node's clock is
         # simulated.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._goal: FollowedGoal | None = None
+        self._begun: dict[bytes, FollowedGoal | Exception] = {}  # by identifier
         self._timer: Any = None
         self._action = ActionServer(
-            server, self._type,
-            front.resolve_service_name(f'~/{NAME}'), self._follow,
-            result_timeout=RESULT_TIMEOUT, callback_group=ReentrantCallbackGroup(),
-            cancel_callback=self._cancel)
+            node, self._type, f'~/{NAME}', self._follow, result_timeout=RESULT_TIMEOUT,
+            callback_group=ReentrantCallbackGroup(), cancel_callback=self._cancel,
+            handle_accepted_callback=self._accept)
 
     # The beginning and the end of a goal.
 
-    async def _follow(self, handle: ServerGoalHandle) -> Any:
-        """Follow a goal; return its result."""
+    def _accept(self, handle: ServerGoalHandle) -> None:
+        """Begin a goal; rclpy would begin it later, after messages that follow it."""
+        identifier = bytes(handle.goal_id.uuid)
         try:
-            goal = self._begin(handle)
+            self._begun[identifier] = self._begin(handle)
         except Exception as error:
-            return self._refuse(handle, error)
+            self._begun[identifier] = error
+        handle.execute()
+
+    async def _follow(self, handle: ServerGoalHandle) -> Any:
+        """Return the result of a goal, at its end."""
+        goal = self._begun.pop(bytes(handle.goal_id.uuid))
+        if isinstance(goal, Exception):
+            return self._refuse(handle, goal)
         await goal.ended
         return self._result(goal.outcome)
 
@@ -209,7 +215,7 @@ class JointTrajectoryAction:
                             StateRecord(motion))
         path.add_observer(goal.record, need_effort=False)
         self._goal = goal
-        self._timer = self._server.create_timer(PERIOD, self._judge, clock=self._steady)
+        self._timer = self._node.create_timer(PERIOD, self._judge, clock=self._steady)
         return goal
 
     def _refuse(self, handle: ServerGoalHandle, error: Exception) -> Any:
@@ -228,7 +234,7 @@ class JointTrajectoryAction:
         """End a goal that was followed."""
         goal.path.remove_observer(goal.record)
         if goal is self._goal:
-            self._server.destroy_timer(self._timer)
+            self._node.destroy_timer(self._timer)
             self._goal = None
         goal.outcome = outcome
         # The result by how the goal ended.
@@ -253,19 +259,8 @@ class JointTrajectoryAction:
         return GoalOutcome(ResultCode.INVALID_GOAL, f'{reason} {goal.progress()}')
 
     def close(self) -> None:
-        """
-        End the goal of a node that stopped, from another thread; wait for its result.
-
-        Without it a client would wait for a result that never arrives.
-        """
-        end = time.monotonic() + CLOSING
-        goal = self._goal
-        if goal is None:
-            return
-        self._server.spinner.create_task(self._judge)
-        while not goal.ended.done() and time.monotonic() < end:
-            time.sleep(0.005)
-        time.sleep(SENDING)
+        """End the goal of a node that stopped: a client would wait for its result."""
+        self._judge()
 
     # While a goal is followed.
 

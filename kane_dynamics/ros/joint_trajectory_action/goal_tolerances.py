@@ -57,6 +57,7 @@ def goal_tolerances(message: Any, joints: Sequence[str],
     Parameters
     ----------
     message : FollowJointTrajectory.Goal
+        The goal.
     joints : sequence of n str
         The joints that follow motions.
     every_joint : sequence of str

@@ -18,10 +18,10 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.model.primitive_inertias import ball, box, disc
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.loads.gravity_payload import checked_payload
-from kane_dynamics.ros.services.services import Services
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
 REFUSED = 'attached object'  # with its name: reason of objects without effect
 SERVICE = 'get_planning_scene'
@@ -212,7 +212,7 @@ class SceneRequest:
 
     Parameters
     ----------
-    server : Services
+    node : Node
     kind : service type
         moveit_msgs/GetPlanningScene.
     topic : str
@@ -222,13 +222,13 @@ class SceneRequest:
 
     """
 
-    def __init__(self, server: Services, kind: Any, topic: str,
+    def __init__(self, node: Node, kind: Any, topic: str,
                  use: Callable[[Any], None]) -> None:
-        self._server, self._kind, self._use = server, kind, use
+        self._node, self._kind, self._use = node, kind, use
         namespace = topic.rpartition('/')[0]
-        self._client = server.create_client(kind, f'{namespace}/{SERVICE}')
-        self._timer = server.create_timer(PERIOD, self._ask,
-                                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._client = node.create_client(kind, f'{namespace}/{SERVICE}')
+        self._timer = node.create_timer(PERIOD, self._ask,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._closed = False
 
     def _ask(self) -> None:
@@ -247,8 +247,8 @@ class SceneRequest:
     def close(self) -> None:
         """Ask no more."""
         self._closed = True
-        self._server.destroy_timer(self._timer)
-        self._server.destroy_client(self._client)
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_client(self._client)
 
 
 def uniform_solid(stated: Any) -> Inertial:

@@ -7,10 +7,11 @@ from typing import Any
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.control_cycle.cycle import turning_joints
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.common.service_errors import reported
 from kane_dynamics.ros.torque_path.state_check import WHOLE_TURN
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
 PERIOD = 1.0  # s between two looks at the arm
 ANGLE, LENGTH = 0.2, 0.05  # rad and m: no sound arm is so far from its motion
@@ -31,7 +32,7 @@ class DriftWatch:
 
     Parameters
     ----------
-    server : Services
+    node : Node
     path : TorquePath
     names : sequence of str
         The joints with motors.
@@ -48,10 +49,10 @@ class DriftWatch:
 
     """
 
-    def __init__(self, server: Services, path: TorquePath, names: Sequence[str],
+    def __init__(self, node: Node, path: TorquePath, names: Sequence[str],
                  now: Callable[[], int], has_listeners: Callable[[], bool],
                  log: Any) -> None:
-        self._server = server
+        self._node = node
         self._path = path
         self._now = now
         self._has_listeners = has_listeners
@@ -65,12 +66,12 @@ class DriftWatch:
         self._place: Array | None = None  # of all joints, since there is no motion
         self.warning = ''
         # In steady time: a simulated clock that stands must not stop the watch.
-        self._timer = server.create_timer(PERIOD, self._examine,
-                                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(PERIOD, reported(self._examine, log),
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def close(self) -> None:
         """Stop looking."""
-        self._server.destroy_timer(self._timer)
+        self._node.destroy_timer(self._timer)
 
     def _examine(self) -> None:
         """Warn of the joint that is farthest off, if one is too far."""

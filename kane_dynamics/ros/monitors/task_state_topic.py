@@ -10,13 +10,14 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import KaneError
 from kane_dynamics.kinematics.poses import pose_error, rotation_quaternion
 from kane_dynamics.ros.common.conversion import Array, as_wrench
+from kane_dynamics.ros.common.service_errors import reported
 from kane_dynamics.ros.modes.live_law import LiveLaw
 from kane_dynamics.ros.modes.task_description import TaskSnapshot
-from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import ObservedCycle
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 
@@ -38,12 +39,12 @@ class TaskStateTopic:
     """
     Publishes the state of the controlled frame in the modes that have a law.
 
-    The torque path keeps one state when the services' thread asks for it; all figures
-    are computed there.
+    The torque path keeps one state when the timer asks for it; the timer computes all
+    figures.
 
     Parameters
     ----------
-    server : Services
+    node : Node
     publisher : Publisher
         Publisher of TaskState.
     rate : float
@@ -57,9 +58,9 @@ class TaskStateTopic:
 
     """
 
-    def __init__(self, server: Services, publisher: Publisher, rate: float, frame: str,
+    def __init__(self, node: Node, publisher: Publisher, rate: float, frame: str,
                  controller: Controller, laws: Mapping[Mode, LiveLaw]) -> None:
-        self._server = server
+        self._node = node
         self._publisher = publisher
         self._frame = frame
         self._controller = controller
@@ -68,8 +69,9 @@ class TaskStateTopic:
         self._latest: _Moment | None = None
         # A snapshot is taken only when the timer has asked for one.
         self._asked = True
-        self._timer = server.create_timer(1.0 / rate, self._publish,
-                                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(1.0 / rate,
+                                        reported(self._publish, node.get_logger()),
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:
         """Drop the stored state."""
@@ -89,14 +91,13 @@ class TaskStateTopic:
         self._asked = False
         state = cycle.state
         command = cycle.command
-        # In one assignment, which is atomic for the services' thread.
         self._latest = _Moment(state.sec, state.nanosec, state.q.copy(), state.u.copy(),
                                self._controller.mode, law, law.snapshot(cycle.stamp),
                                command.clamped, command.rate_limited)
 
     def close(self) -> None:
         """Stop publishing."""
-        self._server.destroy_timer(self._timer)
+        self._node.destroy_timer(self._timer)
 
     def _publish(self) -> None:
         latest = self._latest

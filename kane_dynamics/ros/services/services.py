@@ -1,5 +1,5 @@
 """
-The node that serves the services and the action, in its own thread.
+The services, the action of simulations, and the topics of trajectories.
 
 Requests use their own Robot and never the torque path. Simulations run on a worker
 thread, which releases the interpreter's lock in native code.
@@ -11,7 +11,9 @@ from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.conversion import message_of
+from kane_dynamics.ros.common.lost_messages import with_info
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
+from kane_dynamics.ros.common.service_errors import later, reported
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,
                                                       get_dynamics, inverse_dynamics)
@@ -24,26 +26,24 @@ from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory
 
 FEEDBACK_PERIOD = 0.05  # s between two feedback messages of one goal
 RESULT_TIMEOUT = 60     # s for which the result of a goal is kept
 
 
-class Services(Node):
+class Services:
     """
-    The node that serves the services, the action, and the topics of trajectories.
+    Serves the services, the action of simulations, and the topics of trajectories.
 
     Parameters
     ----------
-    front : rclpy.node.Node
-        The node whose name resolves the names of services and topics.
+    node : rclpy.node.Node
     on_trajectory : callable
-        Called in the services' thread with each serialized JointTrajectory and the
-        system time of its reception, ns; a long trajectory thus does not block the
-        torque path.
+        Called with each serialized JointTrajectory and the system time of its reception,
+        ns.
     on_payload : callable
         Called with each SetPayload request; returns the message of the answer, and
         raises KaneError to refuse the request.
@@ -52,22 +52,14 @@ class Services(Node):
 
     """
 
-    def __init__(self, front: Node, on_trajectory: Callable[[bytes, int], None],
+    def __init__(self, node: Node, on_trajectory: Callable[[bytes, int], None],
                  on_payload: Callable[[Any], str],
                  reject: Callable[[str], None]) -> None:
-        super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
-                         use_global_arguments=False, start_parameter_services=False,
-                         enable_rosout=False)
         self.served: ServedRobot | None = None
         self.max_waiting = 1
-        self.log = front.get_logger()
+        self.log = node.get_logger()
         self._reject = reject
-        self.spinner = SingleThreadedExecutor()
-        self.spinner.add_node(self)
-        self.worker = Worker(self.spinner.wake)
-        # In the default group a simulation would block all other callbacks until it
-        # ends.
-        waiting = ReentrantCallbackGroup()
+        self.worker = Worker()
 
         def set_payload(served: ServedRobot, request: Any, response: Any) -> None:
             response.message = on_payload(request)
@@ -77,40 +69,31 @@ class Services(Node):
                                  (Explain, 'explain', explain),
                                  (SetPayload, 'set_payload',
                                   set_payload)):
-            self.create_service(kind, front.resolve_service_name(f'~/{name}'),
-                                self._answering(call), qos_profile=SERVICES)
-        self.create_service(Simulate, front.resolve_service_name('~/simulate'),
-                            self._simulate, qos_profile=SERVICES, callback_group=waiting)
-        self.create_subscription(
-            JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
-            lambda data, info: on_trajectory(data, info['received_timestamp']),
-            RELIABLE, raw=True)
+            node.create_service(kind, f'~/{name}', self._answering(call),
+                                qos_profile=SERVICES)
+        later(node.create_service(Simulate, '~/simulate', self._simulate,
+                                  qos_profile=SERVICES))
+
+        def on_message(data: bytes, info: Any) -> None:
+            on_trajectory(data, info['received_timestamp'])
+        node.create_subscription(JointTrajectory, '~/joint_trajectory',
+                                 with_info(reported(on_message, self.log)), RELIABLE,
+                                 raw=True)
         # A plain publisher: filled trajectories are no commands, and an inactive node
         # fills too.
-        self._filled = self.create_publisher(
-            JointTrajectory, front.resolve_topic_name('~/trajectory_with_effort'),
-            RELIABLE)
-        self.create_subscription(JointTrajectory,
-                                 front.resolve_topic_name('~/trajectory'),
-                                 self._fill, RELIABLE, raw=True)
+        self._filled = node.create_publisher(JointTrajectory, '~/trajectory_with_effort',
+                                             RELIABLE)
+        node.create_subscription(JointTrajectory, '~/trajectory',
+                                 reported(self._fill, self.log), RELIABLE, raw=True)
+        # In the default group of callbacks, a goal would block all others until it ends.
         self.action = ActionServer(
-            self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
-            self._simulate_motion, result_timeout=RESULT_TIMEOUT, callback_group=waiting,
+            node, SimulateMotion, '~/simulate_motion', self._simulate_motion,
+            result_timeout=RESULT_TIMEOUT, callback_group=ReentrantCallbackGroup(),
             cancel_callback=lambda handle: CancelResponse.ACCEPT)
 
-    def spin(self) -> None:
-        """Serve until `stop`; an error in one request does not affect the next."""
-        while self.context.ok() and not self.worker.stopping:
-            try:
-                self.spinner.spin_once(timeout_sec=5.0)
-            except Exception as error:
-                if self.context.ok() and not self.worker.stopping:
-                    self.log.error(f'request failed: {type(error).__name__}: {error}')
-
     def stop(self) -> None:
-        """End running simulations and let `spin` return; call from another thread."""
+        """End running simulations."""
         self.worker.stop(timeout=0.5)
-        self.spinner.create_task(lambda: None)  # `wake` alone does not end spin_once
 
     def _require(self) -> ServedRobot:
         """
@@ -159,19 +142,24 @@ class Services(Node):
             return response
         return callback
 
-    async def _simulate(self, request: Simulate.Request,
-                        response: Simulate.Response) -> Simulate.Response:
+    def _simulate(self, request: Simulate.Request,
+                  response: Simulate.Response) -> Future:
         """Serve ~/simulate; other requests are served while this one is queued."""
+        def run() -> Any:
+            try:
+                simulation.run(response, lambda t: not self.worker.stopping)
+                response.success = not self.worker.stopping
+            except Exception as error:
+                return self._failed(response, error)
+            return response
         try:
             # The worker runs one simulation at a time, in order.
             simulation = SimulationRequest.from_request(request, self._require())
-            await self.worker.submit(
-                lambda: simulation.run(response, lambda t: not self.worker.stopping),
-                self.max_waiting)
-            response.success = not self.worker.stopping
+            return self.worker.submit(run, self.max_waiting)
         except Exception as error:
-            return self._failed(response, error)
-        return response
+            refused = Future()
+            refused.set_result(self._failed(response, error))
+            return refused
 
     async def _simulate_motion(self, handle: ServerGoalHandle) -> SimulateMotion.Result:
         """Execute one goal of the action, with feedback and cancellation."""

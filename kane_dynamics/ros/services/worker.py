@@ -1,4 +1,4 @@
-"""A thread that runs simulations one after another, outside the services' executor."""
+"""A thread that runs simulations one after another."""
 
 from collections.abc import Callable
 import queue
@@ -13,31 +13,21 @@ class BusyError(KaneError):
 
 
 class Worker:
-    """
-    A thread with a bounded work queue.
+    """A thread with a bounded work queue."""
 
-    Parameters
-    ----------
-    wake : callable
-        Called in the worker's thread after each work item; wakes the executor of the
-        coroutines that await the item.
-
-    """
-
-    def __init__(self, wake: Callable[[], None]) -> None:
+    def __init__(self) -> None:
         self.stopping = False
-        self._wake = wake
-        self._queue: queue.SimpleQueue[tuple[Callable[[], None], Future] | None] = (
+        self._queue: queue.SimpleQueue[tuple[Callable[[], object], Future] | None] = (
             queue.SimpleQueue())
         self._thread = threading.Thread(target=self._run, name='simulations',
                                         daemon=True)
         self._thread.start()
 
-    def submit(self, work: Callable[[], None], max_waiting: int) -> Future:
+    def submit(self, work: Callable[[], object], max_waiting: int) -> Future:
         """
         Queue `work`.
 
-        Return a future that completes, or gets the exception, when it ends.
+        Return a future that gets its result, or its exception, when it ends.
 
         Raises
         ------
@@ -64,9 +54,8 @@ class Worker:
         while (item := self._queue.get()) is not None and not self.stopping:
             work, future = item
             try:
-                work()
+                result = work()
             except BaseException as error:
                 future.set_exception(error)
             else:
-                future.set_result(None)
-            self._wake()
+                future.set_result(result)

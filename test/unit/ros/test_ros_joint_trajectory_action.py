@@ -312,7 +312,8 @@ def test_a_goal_that_is_no_longer_judged_stops_the_arm_before_it_ends():
     action = object.__new__(JointTrajectoryAction)
     action._goal, action._timer = goal, None
     action._log = SimpleNamespace(error=done.append, warning=done.append)
-    action._server = SimpleNamespace(destroy_timer=lambda timer: None)
+    action._node = SimpleNamespace(destroy_timer=lambda timer: None)
+    action._server = SimpleNamespace(served=None)
     action._judge()  # neither the judgement nor the stop along the path is possible
     assert done[1:4] == ['stop', 'end', 'abort']
     assert goal.outcome.code is ResultCode.INVALID_GOAL
