@@ -20,7 +20,7 @@ from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
-from kane_dynamics.ros.common.conversion import message_of, motion_from_message  # noqa: E402
+from kane_dynamics.ros.common.conversion import motion_from_message, read_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.loads.wrench_input import WrenchFrames, WrenchInput  # noqa: E402
@@ -197,7 +197,7 @@ def test_a_mutated_trajectory_gives_a_finite_motion_or_is_rejected():
     for _ in range(TRAJECTORIES):
         data = mutated(chance, chance.choice(seeds), seeds)
         try:
-            motion = motion_from_message(message_of(data, JointTrajectory),
+            motion = motion_from_message(read_message(data, JointTrajectory),
                                          ROBOT.joint_names, 20)
         except KaneError:
             continue

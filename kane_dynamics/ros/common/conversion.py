@@ -24,7 +24,7 @@ class JointNamesError(InputError):
     """The joints of a trajectory are not those of the robot."""
 
 
-def message_of(data: bytes, kind: Any) -> Any:
+def read_message(data: bytes, kind: Any) -> Any:
     """Return a message of a type from its bytes; InputError if they are malformed."""
     try:
         return deserialize_message(data, kind)

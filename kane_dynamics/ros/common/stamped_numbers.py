@@ -4,7 +4,7 @@ from collections.abc import Callable
 import struct
 from typing import Any, NamedTuple
 
-from kane_dynamics.ros.common.conversion import Array, message_of, NANO, nanoseconds
+from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds, read_message
 
 # Reasons to drop a message
 NOT_FINITE, MALFORMED = 'not finite', 'malformed message'
@@ -42,7 +42,7 @@ def read_stamped(data: bytes, kind: Any,
         The message is malformed.
 
     """
-    message = message_of(data, kind)
+    message = read_message(data, kind)
     header = message.header
     return StampedNumbers(nanoseconds(header.stamp), header.frame_id, numbers_of(message))
 

@@ -9,8 +9,8 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.smooth_motion import require_smooth
-from kane_dynamics.ros.common.conversion import (Array, message_of,
-                                                 motion_from_message, NANO, nanoseconds)
+from kane_dynamics.ros.common.conversion import (Array, motion_from_message, NANO,
+                                                 nanoseconds, read_message)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
@@ -72,7 +72,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
         raise InputError('joint_trajectory: received before the node was activated, '
                          'ended its motion, timed out, or changed clock or mode; '
                          'expected a later one')
-    message = message_of(data, JointTrajectory)
+    message = read_message(data, JointTrajectory)
     if not message.points:
         active_motion.clear('a trajectory without points on ~/joint_trajectory')
         return 'no points; the desired motion ends'

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.common.conversion import message_of
+from kane_dynamics.ros.common.conversion import read_message
 from kane_dynamics.ros.common.lost_messages import with_info
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
 from kane_dynamics.ros.common.service_errors import later, reported
@@ -110,7 +110,7 @@ class Services:
         try:
             served = self._require()
             served.apply_loads()
-            message = message_of(data, JointTrajectory)
+            message = read_message(data, JointTrajectory)
             self._filled.publish(filled_message(served, message))
         except KaneError as error:
             self._reject(str(error))

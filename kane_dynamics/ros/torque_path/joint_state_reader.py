@@ -7,8 +7,8 @@ from typing import NamedTuple
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
                                           TooShortError, write_joint_state)
-from kane_dynamics.ros.common.conversion import (Array, Index, joint_places,
-                                                 message_of, NANO)
+from kane_dynamics.ros.common.conversion import (Array, Index, joint_places, NANO,
+                                                 read_message)
 from kane_dynamics.ros.common.stamped_numbers import MALFORMED, NOT_FINITE
 from kane_dynamics.ros.torque_path.drop_reasons import (ELSEWHERE, FOREIGN, MISSING,
                                                         NO_VELOCITY, SHORT, TWICE)
@@ -241,7 +241,7 @@ class JointStateReader:
         except InputError:  # rclpy reads more encodings than plain CDR
             pass
         try:
-            message = message_of(data, JointState)
+            message = read_message(data, JointState)
         except InputError as error:
             self.detail = str(error)
             return MALFORMED
