@@ -1,7 +1,6 @@
 """The desired motion that the torque path follows, and the one scheduled after it."""
 
 from collections.abc import Callable
-import threading
 import time
 
 from kane_dynamics.motion.motion import Motion, State
@@ -14,15 +13,14 @@ class ActiveMotion:
     """
     The active motion and its successor.
 
-    The services' thread reads motions and sets them. The torque path samples the active
-    motion at each state and clears both motions when it stops, times out, or changes
-    clock or mode. A motion that was received, or whose reading began, before `clear` is
-    rejected.
+    Requests set motions. The torque path samples the active motion at each state and
+    clears both motions when it stops, times out, or changes clock or mode. A motion that
+    was received, or whose reading began, before `clear` is rejected.
 
     Parameters
     ----------
     changed : callable, optional
-        Called after each change of the motions, in the thread that changed them.
+        Called after each change of the motions.
 
     Attributes
     ----------
@@ -37,7 +35,6 @@ class ActiveMotion:
 
     def __init__(self, changed: Callable[[], object] = bool) -> None:
         self._changed = changed
-        self._lock = threading.Lock()  # held by writers
         self._motions: tuple[ScheduledMotion | None, ScheduledMotion | None] = None, None
         self.generation = 0
         self.cleared_at = time.time_ns()
@@ -85,15 +82,14 @@ class ActiveMotion:
             False if `clear` was called since `generation`; the motion is then rejected.
 
         """
-        with self._lock:
-            # The motion was computed for a state of the path that is gone.
-            if generation != self.generation:
-                return False
-            current, upcoming = self._motions
-            # The scheduled motion has begun meanwhile: it is the present one now.
-            if upcoming is not None and now >= upcoming[1]:
-                current = upcoming
-            self._motions = current, (motion, start)
+        # The motion was computed for a state of the path that is gone.
+        if generation != self.generation:
+            return False
+        current, upcoming = self._motions
+        # The scheduled motion has begun meanwhile: it is the present one now.
+        if upcoming is not None and now >= upcoming[1]:
+            current = upcoming
+        self._motions = current, (motion, start)
         self._changed()
         return True
 
@@ -107,13 +103,11 @@ class ActiveMotion:
 
     def _drop(self, reason: str, successor: ScheduledMotion | None) -> bool:
         """Drop both motions in favor of another one; return whether there was one."""
-        with self._lock:
-            self.reason = reason
-            dropped = self._motions
-            self._motions = successor, None
-            # A computation of a motion notices by the generation that it comes too
-            # late.
-            self.generation += 1
-            self.cleared_at = time.time_ns()
+        self.reason = reason
+        dropped = self._motions
+        self._motions = successor, None
+        # A computation of a motion notices by the generation that it comes too late.
+        self.generation += 1
+        self.cleared_at = time.time_ns()
         self._changed()
         return dropped != (None, None)

@@ -10,7 +10,6 @@ that cannot be compiled is evaluated by Python in callbacks (`python_rules`).
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-import threading
 import time
 from typing import Any
 
@@ -179,8 +178,6 @@ class TorquePath:
         self.controller = controller
         self.statistics = statistics
         self.running = False
-        # Plans are made in two threads. Held also while a motion is dropped.
-        self._lock = threading.RLock()
         self._changes_last = False  # whether changes that belong together are under way
         self._now = now
         self._warn = warn
@@ -280,7 +277,7 @@ class TorquePath:
         self._replan()
 
     def set_loads(self, loads: GravityAndPayload) -> None:
-        """Use gravity and payload from the next cycle on; callable from any thread."""
+        """Use gravity and payload from the next cycle on."""
         self._loads = loads
         self._replan()
 
@@ -289,25 +286,20 @@ class TorquePath:
         self._replan()
 
     def _replan(self) -> None:
-        """Make what is valid now the plan of the next cycle; callable from any thread."""
-        if not self.running:
-            return
-        with self._lock:
-            if self._changes_last:
-                return
+        """Make what is valid now the plan of the next cycle."""
+        if self.running and not self._changes_last:
             self.native.use(self._plan())
 
     @contextmanager
     def one_change(self) -> Iterator[None]:
-        """Make the changes in a `with` block effective together, in any thread."""
-        with self._lock:
-            is_part = self._changes_last
-            self._changes_last = True
-            try:
-                yield
-            finally:
-                self._changes_last = is_part
-                self._replan()
+        """Make the changes in a `with` block effective together."""
+        is_part = self._changes_last
+        self._changes_last = True
+        try:
+            yield
+        finally:
+            self._changes_last = is_part
+            self._replan()
 
     def _plan(self) -> CyclePlan:
         """Return the plan of the next cycle."""
@@ -402,8 +394,7 @@ class TorquePath:
         rows = np.zeros((frames, cycle_rules.WRENCH))
         rows[:, 0] = NEVER
         if self.wrenches is not None:
-            # A copy, because the main thread may add a frame meanwhile.
-            for row, (stamp, wrench) in list(self.wrenches.latest.items()):
+            for row, (stamp, wrench) in self.wrenches.latest.items():
                 rows[row] = [stamp - self._epoch, *wrench]
         return rows.ravel()
 
@@ -454,7 +445,7 @@ class TorquePath:
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
         """
-        Call `observer` after each command; callable from any thread.
+        Call `observer` after each command.
 
         Read the efforts of states if it needs them.
         """
@@ -463,7 +454,7 @@ class TorquePath:
         self._reader.need_effort |= need_effort
 
     def remove_observer(self, observer: CycleObserver) -> None:
-        """Stop calling `observer`; callable from the thread that added it."""
+        """Stop calling `observer`."""
         self._observers = [other for other in self._observers if other is not observer]
 
     def catch_up(self) -> None:
@@ -473,12 +464,10 @@ class TorquePath:
         After a long pause of the interpreter the ring has old cycles, and the arm may be
         elsewhere by now: then also for one of now.
         """
-        is_reader = threading.current_thread() is threading.main_thread()
         until = time.monotonic() + LONGEST_LAG
         written = self.native.number('head')
         while self.running and time.monotonic() < until:
-            if is_reader:
-                self.read_reports()
+            self.read_reports()
             age = self.now - self._epoch - self._last.last_now
             # After a timeout, the next report may be that of the first state.
             if self._noted >= written and (self.timed_out or age < self.states.timeout):
@@ -501,7 +490,7 @@ class TorquePath:
 
     def measured(self) -> Array | None:
         """
-        Return the last accepted positions, (n,), for other threads.
+        Return the last accepted positions, (n,).
 
         The result is None without a valid state, as before the first one.
         """
@@ -961,11 +950,9 @@ class TorquePath:
 
     def _clear_motion(self, reason: str, path: PathState) -> bool:
         """Drop the desired motion, as the thread did; return whether there was one."""
-        # In one change: a plan of another thread that has the motion and the new count
-        # of drops would let the arm follow it again.
-        with self._lock:
-            self._last = self._last._replace(drops=path.drops)
-            return self.active_motion.clear(reason)
+        # The plan that this makes has the new count of drops, and no motion.
+        self._last = self._last._replace(drops=path.drops)
+        return self.active_motion.clear(reason)
 
     def _note_dropped_state(self, report: Report, code: int, now: int) -> None:
         """Count and explain a state that was not answered."""
