@@ -129,8 +129,6 @@ def _admitted(robot: Robot, q: Array) -> _Stiffness:
     """Return the stiffness of the motions that the constraints admit."""
     slope, K, size = potential_derivatives(robot, q)
     equations = robot.equations
-    if equations.in_joint_rates:
-        return _Stiffness(np.eye(robot.n), K, size)
     motions = [equations.mechanism.joint_motion(q, unit,
                                                 0.0 * unit) for unit in np.eye(robot.n)]
     T = motions[0].T.astype(np.float64)

@@ -83,17 +83,12 @@ def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
     return law, _limiter(robot), _observer(robot), _detector(robot)
 
 
-def _torque_count(robot: Robot) -> int:
-    """Return the number of joint torques: three of a ball joint."""
-    return robot.n if robot.equations.in_joint_rates else robot.n_q
-
-
 def _limiter(robot: Robot) -> Kernel:
     """Return the kernel of the torque limits of all joints."""
     def limits(tau: Vector, last: Vector, effort: Vector, change: Vector) -> Vector:
         # Clamped to the effort first, then within the largest change of a cycle.
         return np.array(within_rates(within_effort(tau, effort), last, change))
-    row = (_torque_count(robot),)
+    row = (robot.n_q,)
     return robot.compiled(limits, name='limited_torque', tau=row, last=row, effort=row,
                           change=row, shape=row)
 
@@ -109,8 +104,7 @@ def _observer(robot: Robot) -> Kernel:
         remembered = np.ravel(memory)
         residual, last_momentum, last_beta = remembered[:3 * n].reshape(3, n)
         momentum, beta = equations.momentum_terms(q, u, parameters, t)
-        if not equations.in_joint_rates:
-            tau = equations.generalized_force(q, tau, t)
+        tau = equations.generalized_force(q, tau, t)
         # The first sample has no time since the last: the estimate is 0.
         has_begun = elapsed > 0.0
         further: list[Scalar] = []  # that a robot with bristles remembers
@@ -144,7 +138,7 @@ def _observer(robot: Robot) -> Kernel:
     if bristles:
         shape = (5 * n + bristles,)
     inputs: dict[str, Shape | Argument] = {
-        'q': (robot.n_q,), 'u': row, 'tau': (_torque_count(robot),), 'memory': shape,
+        'q': (robot.n_q,), 'u': row, 'tau': (robot.n_q,), 'memory': shape,
         'elapsed': (), 'forgotten': row}
     return robot.kernels.compiled(step, 'momentum_observer', inputs, shape)
 

@@ -186,8 +186,6 @@ class MotorTracking:
             ahead = np.interp(t + self.lead, self.command.time, self._torque[:, k])
             torques[motor] = (ahead + self.kp[k] * (position[0, k] - q[motor])
                               + self.kd[k] * (speed[0, k] - rates[motor]))
-        if robot.equations.in_joint_rates:
-            return torques
         return np.asarray(robot.generalized_force(torques, q, t=t))
 
 

@@ -326,8 +326,6 @@ def driving_joints(robot: Robot) -> tuple[str, ...]:
     These are the joints with actuators, or the joints that follow motions if more have
     actuators.
     """
-    if robot.equations.in_joint_rates:
-        return robot.joint_names
     stated = _stated_actuators(robot)
     if stated is not None and len(stated) == robot.n:
         return stated

@@ -271,12 +271,9 @@ def demand_at(robot: Robot, motion: Motion | SmoothMotion, speed: float, step: f
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
-    # A mechanism moves all joints with the driving ones; tau is of its actuators.
-    if not robot.equations.in_joint_rates:
-        whole = whole_motion(robot, motion, t, q, u, udot)
-        q, u, udot, tau = _of_mechanism(robot, whole, t, bending)
-    else:
-        tau = (bending or robot).inverse_dynamics(q, u, udot)
+    # The driving joints move all joints; tau is of the actuators.
+    whole = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
+    q, u, udot, tau = _of_mechanism(robot, whole, t, bending)
     _require_finite(robot, speed * t, tau)
     return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
                   per_joint(power, 'power', robot.joint_names, finite=False))
@@ -419,16 +416,6 @@ def _of_mechanism(robot: Robot, whole: MechanismMotion, t: Array,
     return whole.q, rates, accelerations, robot.joint_torques(tau, whole.q, t=t)
 
 
-def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
-                 accelerations: Array) -> MechanismMotion:
-    """Return the motion of a robot with chosen speeds or constraints."""
-    if robot.model.flexible:
-        raise InputError('robot: flexible, with chosen speeds or constraints; expected '
-                         'one without beams, as a motion of joints does not state their '
-                         'deflections')
-    return mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
-
-
 def require_scalable(robot: Robot, q: Array) -> None:
     """Raise InputError if speeds or constraints prescribe velocities."""
     # Joints that move at u = 0 have a velocity that the speed of the motion does not scale.
@@ -453,10 +440,8 @@ def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
 
 def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
     """Return the torques of actuators that balance forces of joints, (N, n) each."""
-    if not robot.equations.in_joint_rates:
-        force = robot.generalized_force(np.ascontiguousarray(forces), q)
-        return robot.joint_torques(force, q)
-    return forces
+    force = robot.generalized_force(np.ascontiguousarray(forces), q)
+    return robot.joint_torques(force, q)
 
 
 def share(value: Array, bound: Array) -> Array:

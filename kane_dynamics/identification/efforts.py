@@ -228,8 +228,7 @@ class Efforts:
         held = finite_row(effort, 'effort', actuated_joints(robot))
         if self.constants is not None:
             held = held * _torque_constants(self.constants, actuated_joints(robot))
-        if not robot.equations.in_joint_rates:
-            held = generalized_force(robot, held, q)
+        held = generalized_force(robot, held, q)
         return float(held @ weight / (weight @ weight))
 
     def __str__(self) -> str:

@@ -374,8 +374,8 @@ class TrajectoryOptimizer:
         robot = self.robot
         speeds = finite_row(u, 'u', robot.speed_names)
         configuration = self._target.configuration(q, 'q')
-        if not robot.equations.in_joint_rates:  # closed, and not singular
-            robot.joint_rates(configuration, speeds, t=self._t)
+        # Raises an error where loops are open or singular.
+        robot.joint_rates(configuration, speeds, t=self._t)
         state = np.concatenate([configuration, speeds, [self._t]])
         return state[:self._arrays.sizes.state]
 
@@ -510,16 +510,10 @@ class Target:
         """Return the rows of a motion."""
         robot = self._robot
         require_angles(robot.model, 'target')
-        q, u, udot = motion.sample(t)
-        rates = u
         # Driving joints move all others; rates are those of the joints, whatever the
         # speeds.
-        if not robot.equations.in_joint_rates:
-            q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
-            rates = robot.joint_rates(q, u, t=t)
-        elif motion.joint_names != robot.joint_names:
-            raise InputError(f'target: a motion of {", ".join(motion.joint_names)}; '
-                             f'expected {", ".join(robot.joint_names)}')
+        q, u, udot = mechanism_motion(robot, motion.joint_names, t, *motion.sample(t))
+        rates = robot.joint_rates(q, u, t=t)
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         return np.concatenate([q, rates, self._of_actuators(tau, q, t)], axis=-1)
 

@@ -36,8 +36,6 @@ class SweptJoints:
     def followed(self) -> tuple[int, ...]:
         """Return the indices in q of the joints that follow by computed torque."""
         robot = self._robot
-        if not self.constrained:
-            return tuple(range(robot.n))
         if robot.model.balls:
             raise InputError('controller: computed_torque with ball joints, whose '
                              'positions are rotations; expected gravity_compensation or '
@@ -81,7 +79,7 @@ class SweptJoints:
             driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *desired)
             return driven.q[0].tolist(), driven.u[0].tolist()
         # A closed loop begins at the robot's configuration, or at the neutral one.
-        configuration = robot.configuration if self.constrained else None
+        configuration = robot.configuration
         if configuration is None:
             configuration = neutral(robot.model)
         return np.asarray(configuration).tolist(), [0.0] * robot.n

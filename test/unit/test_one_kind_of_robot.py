@@ -29,7 +29,7 @@ ASKS_FOR_CONSTRAINTS = {
 }
 # Everywhere in the package, at most: questions that could stand in for the one above, and those
 # for the time, which callers pass always and `Equations.time_inputs` leaves out.
-MOST = {'timed': 15, 'in_joint_rates': 104, 'watched': 39}
+MOST = {'timed': 15, 'in_joint_rates': 82, 'watched': 39}
 
 
 def nodes_of(path):

@@ -56,8 +56,6 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
 
     """
     motion = recorded_states(robot, names, recording)
-    if robot.equations.in_joint_rates:
-        return *motion, recording.tau, recording.t
     torques = np.zeros((len(recording), robot.model.n))
     torques[:, list(map(robot.joint_names.index, names))] = recording.tau
     return *motion, robot.generalized_force(torques, motion.q,

@@ -116,7 +116,7 @@ class FollowedGoal:
     def followed_states(self, q: Array, u: Array) -> tuple[Array, Array]:
         """Return positions and rates, (K, n), of the joints that follow the motion."""
         robot = self.robot
-        rates = u if robot.equations.in_joint_rates else robot.joint_rates(q, u)
+        rates = robot.joint_rates(q, u)
         places = list(map(robot.joint_names.index, self.motion.joint_names))
         return q[:, places], rates[:, places]
 

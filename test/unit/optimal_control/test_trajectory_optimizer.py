@@ -295,7 +295,7 @@ def test_bad_arguments_are_named():
             problem.start(tau)
     with pytest.raises(InputError, match='tau: 3 rows'):
         problem.start(np.zeros((3, 2)))
-    with pytest.raises(InputError, match='target: a motion of a, b'):
+    with pytest.raises(InputError, match=r"motion: joints \['a', 'b'\]"):
         problem.set_target(Motion.from_points([0.0, 1.0], np.zeros((2, 2)),
                                               joint_names=['a', 'b']))
     with pytest.raises(InputError, match='not finite'):
