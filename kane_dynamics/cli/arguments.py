@@ -180,7 +180,7 @@ def _identify(sub: ArgumentParser) -> None:
                      help="weight of the URDF's inertials as prior; default: the one with "
                           'the least error on rows that fits leave out')
     sub.add_argument('--base-parameters', action='store_true',
-                     help='estimate base parameters only, by weighted least squares')
+                     help='print the base parameters: the combinations that torques determine')
     # Other kinds of fits, each with options of its own.
     sub.add_argument('--payload', metavar='LINK',
                      help='identify the payload of this link; the arm is known')

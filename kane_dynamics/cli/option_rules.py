@@ -38,7 +38,7 @@ EXCLUDED: Needs = {
     'inspect': {'against': ('constraints',)},
     'equations': {'json': ('format',)},
     'identify': {'payload': (*OF_FIT, 'standstill', 'base_parameters'),
-                 'base_parameters': (*OF_FIT, 'out'),
+                 'base_parameters': ('friction_only',),
                  'drives': (*OF_FIT, 'standstill', 'payload', 'base_parameters',
                             'as_recorded', 'derive_speeds', 'cutoff', 'resample', 'topic',
                             'plot', 'efforts', 'efforts_without_gravity',

@@ -1,8 +1,7 @@
 """Identification of inertial parameters and friction from recordings: extra `identify`."""
 
-from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds,
-                                                         BaseFit, BaseParameters,
-                                                         fit_base)
+from kane_dynamics.identification.base_regressor import (base_parameters, BaseFit,
+                                                         BaseParameters)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.drives.drive_recording import (DriveRecording,
@@ -31,8 +30,7 @@ __all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration
            'DriveIdentification', 'DriveRecording', 'Efforts', 'Excitation',
            'HeldPoses', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
            'PayloadEstimator', 'PoseCalibration', 'Recording', 'RecordingFault',
-           'TorqueDelays', 'WatchReport', 'base_parameters', 'base_speeds',
-           'calibrate_collision', 'calibrate_poses', 'diagnose', 'excite', 'fit_base',
-           'friction_motion', 'held_poses', 'identify', 'identify_drives',
-           'identify_payload', 'read_drive_recording', 'read_poses', 'read_recording',
-           'rows', 'torque_delays']
+           'TorqueDelays', 'WatchReport', 'base_parameters', 'calibrate_collision',
+           'calibrate_poses', 'diagnose', 'excite', 'friction_motion', 'held_poses',
+           'identify', 'identify_drives', 'identify_payload', 'read_drive_recording',
+           'read_poses', 'read_recording', 'rows', 'torque_delays']

@@ -2,26 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from kane_dynamics._util.checks import instance, integer, per_joint
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import (FRICTION, full_regressor,
-                                                     least_between, RegressionRows,
-                                                     rows, SPEEDS, triangle,
+from kane_dynamics.identification.regression import (FRICTION, full_regressor, rows,
                                                      without_losses)
-from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
 
 MOST_STATES = 100_000
 RANK = 1e-9  # smallest pivot of independent columns, relative to the largest
-ROUNDS = 8  # of reweighting, which converges in three or four
-TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,30 +48,21 @@ class BaseParameters:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class BaseFit:
+class BaseFit(NamedTuple):
     """
-    Estimated base parameters.
+    Identified base parameters.
 
     Attributes
     ----------
     base : BaseParameters
     values, deviations : (b,) arrays
-        Estimates and standard deviations for independent residuals; kg, m, s as the
-        unknowns. Residuals of oversampled or filtered rows are correlated: the
-        deviations are too small.
-    condition : float
-        Condition number of the equations with columns scaled to unit length.
-    sigma : (n,) array
-        Standard deviation of each joint's residual, N m or N.
+        Values and standard deviations; kg, m, s as the unknowns.
 
     """
 
     base: BaseParameters
     values: Array
     deviations: Array
-    condition: float
-    sigma: Array
 
 
 def unknown_names(model: Model) -> list[str]:
@@ -157,119 +144,6 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
             factor = '' if abs(abs(row[k]) - 1.0) < 1e-6 else f'{abs(row[k]):.4g} '
             parts.append(f'{"-" if row[k] < 0.0 else "+"} {factor}{names[k]}')
     return ' '.join(parts)
-
-
-@on_one_processor
-def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
-             weighted: bool = True) -> BaseFit:
-    """
-    Estimate base parameters by least squares.
-
-    Parameters
-    ----------
-    data : RegressionRows
-        Regressor and torques.
-    model : Model
-        Model; its structure is used, not its masses.
-    speeds : (n,) array
-        Friction speed of each joint, rad/s or m/s.
-    weighted : bool
-        Whether joints are weighted by the variances of their residuals, which are
-        iterated.
-
-    Raises
-    ------
-    InputError
-        If the motion does not excite all base parameters; the message names one.
-
-    """
-    instance(data, RegressionRows, 'data')
-    instance(model, Model, 'model')
-    speeds = per_joint(speeds, 'speeds', model.joint_names)
-    base = base_parameters(model, speeds)
-    X = full_regressor(data, speeds)
-    tau = data.recording.tau - data.rest
-    counts = data.moving.sum(axis=0)
-    equations = []
-    for j, count in enumerate(counts):
-        if count <= X.shape[2] + 1:
-            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of the "
-                             f'fit; expected more than {X.shape[2] + 1} for {X.shape[2]} '
-                             'unknowns')
-        table = np.column_stack([X[:, j, base.columns], tau[:, j]])
-        equations.append(triangle(table[data.moving[:, j]]))
-
-    # Weighted least squares; the weights are the deviations of the last residuals.
-    sigma = np.ones(len(equations))
-    for _ in range(ROUNDS if weighted else 1):
-        # Columns of unit length, so that singular values compare combinations, not
-        # units.
-        R = np.vstack([of_joint / deviation for of_joint, deviation
-                       in zip(equations, sigma, strict=True)])
-        A, b = R[:, :-1], R[:, -1]
-        scale = np.linalg.norm(A, axis=0)
-        if not scale.all():
-            raise InputError('motion: does not excite '
-                             f"'{base.names[int(np.argmin(scale))]}'; expected an "
-                             'exciting motion')
-        # The combination of the smallest singular value is the least excited.
-        _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
-        if singular[-1] < 1e-12 * singular[0]:
-            worst = int(np.argmax(np.abs(Vt[-1])))
-            raise InputError(f"motion: does not excite '{base.names[worst]}'; expected "
-                             'an exciting motion')
-        values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
-        left = np.array([np.sum((R[:, -1] - R[:, :-1] @ values)**2) for R in equations])
-        residual = np.sqrt(np.maximum(left / counts, 1e-24))
-        sigma = residual if weighted else sigma
-    # Residuals of a fit with few rows are smaller than the noise.
-    freedom = counts.sum() / (counts.sum() - len(values))
-    noise = 1.0 if weighted else float(residual @ residual) / len(residual)
-    return BaseFit(base, values, base_deviations(A) * np.sqrt(noise * freedom),
-                   float(singular[0] / singular[-1]), residual)
-
-
-@on_one_processor
-def base_speeds(data: RegressionRows, model: Model) -> Array:
-    """
-    Return the friction speeds that fit best with free parameters, (n,), rad/s or m/s.
-
-    Each joint has free inertial parameters of its own here.
-
-    Parameters
-    ----------
-    data : RegressionRows
-        Regressor and torques.
-    model : Model
-        Model; its structure is used, not its masses.
-
-    """
-    instance(data, RegressionRows, 'data')
-    instance(model, Model, 'model')
-    speeds = []
-    for j in range(model.n):
-        moves = data.moving[:, j]
-        u = data.recording.u[moves, j]
-        tau = (data.recording.tau - data.rest)[moves, j]
-        others = np.column_stack([data.Y[moves, j], u, data.recording.udot[moves, j],
-                                  np.ones(len(u))])
-        basis = scientific('scipy.linalg').orth(others, rcond=RANK)
-
-        def missed(speed: float, u: Array = u, tau: Array = tau,
-                   basis: Array = basis) -> float:
-            """Return the squares that Coulomb friction of a speed leaves of the torque."""
-            pair = np.column_stack([coulomb(u, speed), tau])
-            alone = pair - basis @ (basis.T @ pair)
-            slip, left = alone.T
-            return float(left @ left - (slip @ left)**2 / max(slip @ slip, TINY))
-        speeds.append(least_between(missed, SPEEDS, 1e-6))
-    return np.array(speeds)
-
-
-def base_error(fit: BaseFit, data: RegressionRows, speeds: Array) -> Array:
-    """Return measured torque minus that of estimated base parameters, (N, n), N m or N."""
-    X = full_regressor(data, speeds)[:, :, fit.base.columns]
-    return np.asarray(data.recording.tau - data.rest - X @ fit.values)
 
 
 def base_deviations(A: Array) -> Array:

@@ -16,6 +16,7 @@ from kane_dynamics._util.checks import number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.identification.base_regressor import base_parameters, BaseFit
 from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
                                                         CandidateErrors, chosen_weight,
                                                         COLUMNS, COULOMB, Coupled,
@@ -214,6 +215,18 @@ class Identification:
         coupled = [Coupled(place(motor.joints[0]), place(motor.joints[1]), motor.sign)
                    for motor in self.coupled]
         return law_rows(rows(self.given, recording), coupled)
+
+    @lazy_property
+    def base(self) -> BaseFit:
+        """Return the base parameters: combinations of the unknowns that determine the torques."""
+        base = base_parameters(self.given, self.friction_speed)
+        of_bodies = np.arange(10 * len(self.given.bodies))
+        joints = np.arange(self.given.n)[:, None]
+        of_losses = len(of_bodies) + COLUMNS * joints + np.arange(len(FRICTION))
+        places = np.concatenate([of_bodies, of_losses.ravel()])
+        P = self.covariance[np.ix_(places, places)]
+        variances = np.einsum('bi,ij,bj->b', base.B, P, base.B)
+        return BaseFit(base, base.B @ self.unknowns, np.sqrt(variances))
 
     @property
     def losses(self) -> Array:

@@ -8,11 +8,14 @@ known torque to it:
     friction          the friction of a joint
     offset            a constant torque of a joint
     torque constant   the torque of a joint
-    delay             torques of all joints that come late
 
 times a size, which is fitted by least squares, one cause at a time. The model's own errors
 have sizes too: the mean of those in recordings of the sound arm, the references, is
 subtracted. Rows in which a joint rests say nothing of it, because static friction is unknown.
+
+A delay of all torques comes first: `torque_delays` estimates it without the model's masses
+and friction, so that no other change is taken for one. The other causes are judged on the
+torques without the delay.
 
 Sound arms change from day to day, friction most of all. The torque of a change is therefore
 measured in units of what is uncertain of a joint: the RMS of its friction and of the residual
@@ -38,6 +41,7 @@ from kane_dynamics.identification.recordings.recording import (check_recording,
                                                                Recording,
                                                                require_rigid_links,
                                                                STANDSTILL)
+from kane_dynamics.identification.recordings.torque_delay import torque_delays
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import load_slope
@@ -48,11 +52,10 @@ import numpy as np
 BLOCKS = 16
 FEWEST_ROWS = 10 * BLOCKS
 SURE = 4.0  # standard errors
+SURE_OF_DELAY = 3.0  # standard deviations; `torque_delays` widens them by what is correlated
 MOST_ALARMS = 3  # that are named, one after the other
 ROUNDING = 1e-6  # of the torque: a smaller residual is none
 UNCERTAIN = 0.1  # of the torque of a cause that was named: its law is not exact
-LONGEST_DELAY = 0.05  # s, but two rows at least
-MOST_DELAYS = 20  # that are tried, either way
 SMALLEST = 0.42  # with one reference; friction of sound arms differs by less
 BEYOND = 1.5  # times the largest change between references
 LEAST = 0.1  # of what is uncertain of a joint: no smaller change matters by default
@@ -169,6 +172,11 @@ class ModelWatch:
             raise InputError('reference: none; expected a recording, or several')
         self._robot = Robot(model)
         motions = [_Motion(self._robot, recording) for recording in references]
+        delays = [torque_delays(model, recording) for recording in references]
+        self._delay = float(np.mean([delay.common if delay.known else np.nan
+                                     for delay in delays]))
+        self._delay_deviation = float(rms(np.array([delay.common_deviation
+                                                    for delay in delays])))
         of_friction = np.mean([motion.friction_rms for motion in motions], axis=0)
         self._residual = np.mean([rms(motion.residual) for motion in motions], axis=0)
         in_motion = np.mean([motion.residual_rms for motion in motions], axis=0)
@@ -207,13 +215,14 @@ class ModelWatch:
             The recording has other joints or too few rows.
 
         """
+        _require_rows(self._robot.model, recording)
+        alarms, recording = self._without_delay(recording)
         motion = _Motion(self._robot, recording)
         judged = self._moved & motion.moves
         remaining = np.where(judged, motion.in_motion, 0.0)
         # The largest cause is taken away, and the others are judged again.
-        alarms: list[ModelChange] = []
         named = np.zeros_like(remaining)
-        for _ in range(MOST_ALARMS):
+        for _ in range(MOST_ALARMS - len(alarms)):
             change, torque = self._largest(motion, remaining, named, alarms)
             if change is None:
                 break
@@ -223,6 +232,23 @@ class ModelWatch:
         alarms += self._unexplained(motion, remaining, named, judged)
         return WatchReport(self._robot.joint_names, rms(motion.residual), self._residual,
                            tuple(alarms), judged)
+
+    def _without_delay(self, recording: Recording) -> tuple[list[ModelChange], Recording]:
+        """Return an alarm of a delay, if there is one, and the recording without it."""
+        delays = torque_delays(self._robot.model, recording)
+        change = delays.common - self._delay
+        deviation = float(np.hypot(delays.common_deviation, self._delay_deviation))
+        if not (delays.known and abs(change) > SURE_OF_DELAY * deviation):
+            return [], recording
+        tau = np.column_stack([np.interp(recording.t + change, recording.t, of_joint)
+                               for of_joint in recording.tau.T])
+        moving = np.abs(recording.u) > STANDSTILL
+        torque = np.nan_to_num(moving_rms(recording.tau - tau, moving))
+        share = float(np.linalg.norm(torque / self._unit))
+        if share <= self._smallest:
+            return [], recording
+        alarm = ModelChange(ALL_JOINTS, DELAY, change, deviation, share)
+        return [alarm], replace(recording, tau=tau)
 
     def _largest(self, motion: '_Motion', residual: Array, named: Array,
                  alarms: Sequence[ModelChange]) -> tuple[ModelChange | None, Array]:
@@ -292,8 +318,7 @@ class _Motion:
         self._all_friction = terms[:, TORQUE_TERMS.index('friction')]
         self._friction = self._all_friction - offsets
         self.friction_rms = np.nan_to_num(moving_rms(self._friction, self.moving))
-        self.causes: list[_LinearCause | _Delay] = [
-            *self._payloads(), *self._of_joints(), _Delay(recording, self.moving)]
+        self.causes = [*self._payloads(), *self._of_joints()]
 
     def _payloads(self) -> list['_LinearCause']:
         """Return a payload of each outermost body."""
@@ -354,54 +379,6 @@ class _LinearCause:
     def squares(self, residual: Array, size: Array) -> Array:
         """Return the sum of squares that sizes leave of each joint's residual, (n,)."""
         return np.asarray(np.sum((residual - self.torque(size))**2, axis=0))
-
-
-class _Delay:
-    """Torques of all joints that come late."""
-
-    name = DELAY
-    joint = ALL_JOINTS
-
-    def __init__(self, recording: Recording, moving: Flags) -> None:
-        self._recording, self._moving = recording, moving
-        # Whole rows, so that noise is not averaged.
-        step = float(np.median(np.diff(recording.t)))
-        distance = step * max(1, round(LONGEST_DELAY / (step * MOST_DELAYS)))
-        count = max(round(LONGEST_DELAY / distance), 2)
-        self._tried = distance * np.arange(-count, count + 1)
-
-    def torque(self, size: Array) -> Array:
-        """Return the change of the measured torques by a delay, (N, n)."""
-        recording = self._recording
-        late = np.zeros_like(recording.tau)
-        for j, tau in enumerate(recording.tau.T):
-            late[:, j] = tau - np.interp(recording.t + size[0], recording.t, tau)
-        return np.where(self._moving, late, 0.0)
-
-    def _tables(self, residual: Array) -> Array:
-        """Return the squares that each delay leaves, (blocks, delays, n)."""
-        tables = []
-        for delay in self._tried:
-            squares = (residual - self.torque(np.array([delay])))**2
-            tables.append([part.sum(axis=0) for part in np.array_split(squares, BLOCKS)])
-        return np.asarray(np.swapaxes(tables, 0, 1))
-
-    def sizes(self, residual: Array, unit: Array) -> Array:
-        """Return the delays with the least squares, (1 + blocks, 1), s; NaN beyond those tried."""
-        of_blocks = (self._tables(residual) / unit**2).sum(axis=-1)
-        total = of_blocks.sum(axis=0)
-        fine = np.linspace(self._tried[0], self._tried[-1], 50 * len(self._tried))
-        table = np.column_stack([total, *(total - of_blocks)])
-        curves = scientific('scipy.interpolate').CubicSpline(self._tried, table)(fine)
-        best = np.argmin(curves, axis=0)
-        is_inside = (best > 0) & (best < len(fine) - 1)
-        return np.where(is_inside, fine[best], np.nan)[:, None]
-
-    def squares(self, residual: Array, size: Array) -> Array:
-        """Return the sum of squares that a delay leaves of each joint's residual, (n,)."""
-        table = self._tables(residual).sum(axis=0)
-        spline = scientific('scipy.interpolate').CubicSpline(self._tried, table)
-        return np.asarray(spline(float(size[0])))
 
 
 def _require_rows(model: Model, recording: Recording) -> None:

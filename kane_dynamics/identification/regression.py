@@ -60,11 +60,6 @@ class RegressionRows:
     Y: Array
     moving: Flags
 
-    def half(self, *, second: bool) -> 'RegressionRows':
-        """Return the first half of the rows, or the second."""
-        middle = len(self.recording) // 2
-        return self.part(slice(middle, None) if second else slice(0, middle))
-
     def part(self, chosen: slice | Flags) -> 'RegressionRows':
         """Return the rows of a slice or a mask."""
         return RegressionRows(self.recording.rows(chosen), self.joint_names,

@@ -110,10 +110,7 @@ def written_links(source: str | bytes | os.PathLike[str], model: Model,
         is left out.
 
     """
-    content: Any = {}
-    if supplement is not None:
-        read_supplement(supplement)  # raises of an invalid one
-        content = yaml.safe_load(Path(supplement).read_bytes()) or {}
+    content = _former(supplement)
     content.pop('payload', None)
     inertials, riders = _inertials(source, model)
     links: dict[str, Any] = {}
@@ -213,17 +210,14 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str,
 
     """
     # The payload of a supplement is part of the model that was identified.
-    if read_supplement(supplement).payload is not None:
+    content = _former(supplement)
+    if content.get('payload') is not None:
         raise InputError(f"supplement '{supplement}': has a payload already; expected "
                          'none, since the identified payload would be added to it')
-    # The supplement's own text, with the payload added: other keys stay as they are.
-    content: Any = None
-    if supplement is not None:
-        content = yaml.safe_load(Path(supplement).read_bytes())
     moments = dict(zip(INERTIA_KEYS, six(payload), strict=True))
     load = {'link': link, 'mass': payload.mass, 'com': payload.com.tolist(),
             'inertia': moments}
-    return yaml.safe_dump({**(content or {}), 'payload': load}, sort_keys=False)
+    return yaml.safe_dump({**content, 'payload': load}, sort_keys=False)
 
 
 def written_drives(supplement: str | os.PathLike[str] | None, drives: str) -> str:
@@ -238,13 +232,18 @@ def written_drives(supplement: str | os.PathLike[str] | None, drives: str) -> st
         Text of a supplement of drives alone.
 
     """
-    content: Any = {}
-    if supplement is not None:
-        read_supplement(supplement)  # raises of an invalid one
-        content = yaml.safe_load(Path(supplement).read_bytes()) or {}
+    content = _former(supplement)
     former = content.get('drives') or {}
     content['drives'] = {**former, **yaml.safe_load(drives)['drives']}
     return yaml.safe_dump(content, sort_keys=False)
+
+
+def _former(supplement: str | os.PathLike[str] | None) -> dict[str, Any]:
+    """Return the content of a supplement, empty without one; raise of an invalid one."""
+    if supplement is None:
+        return {}
+    read_supplement(supplement)
+    return yaml.safe_load(Path(supplement).read_bytes()) or {}
 
 
 def six(payload: Inertial) -> list[float]:

@@ -265,8 +265,6 @@ def stated():
             'frame': 'tip', 'plane': {'normal': [0, 0, 1]}}}}},
         'fill_trajectory': {'times': [0.0, 0.5, 1.0], 'tolerance': 0.5, 'rest': None},
         'identification.base_parameters': {'speeds': np.full(2, 0.05), 'states': 40},
-        'identification.base_speeds': {},
-        'identification.fit_base': {'speeds': np.full(2, 0.05)},
         'plot.check_path': {'path': 'a.png'},
         'Bending': {'tip_mass': 0.3}, 'Body': {'joint': arm().model.bodies[0].joint},
         'Joint': {'name': 'a', 'kind': 'revolute', 'axis': (0, 0, 1.0)},
@@ -308,7 +306,6 @@ def stated():
         'identification.DriveRecording.from_motor_side': {
             't': drive_recording().t, 'theta': drive_recording().theta, 'ratio': 1.0,
             'q': drive_recording().q},
-        'identification.DriveRecording.synchronized': {'skew': 0.002},
         'identification.identify_drives': {'recording': drive_recording()},
         'optimal_control.PredictiveController': {'optimizer': optimizer()},
         'sweep.Sweep': {'samples': 2}, 'QuasiStatic': {'robot': Robot(beam())},

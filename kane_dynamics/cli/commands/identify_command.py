@@ -19,7 +19,6 @@ from kane_dynamics.cli.printing import as_json, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import (every_joint, load_robot, one_or_all,
                                              source_of, warn_degrees)
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.drives.drive_recording import read_drive_recording
 from kane_dynamics.identification.drives.identify_drives import (DriveIdentification,
                                                                  identify_drives)
@@ -33,10 +32,9 @@ from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.reader import (positions_by_name,
                                                             read_recording)
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
+from kane_dynamics.identification.regression import FRICTION, LOWEST, rms
 from kane_dynamics.identification.result_files import (six, written, written_drives,
                                                        written_payload)
-from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model, with_payload
 from kane_dynamics.robot.robot import Robot
@@ -63,7 +61,7 @@ class Outcome:
 
 
 def identification(options: Namespace) -> None:
-    """Identify a model, base parameters or a payload; print it, draw or write it on request."""
+    """Identify a model or a payload; print it, draw or write it on request."""
     if options.drives:
         _identify_drives(options)
         return
@@ -75,11 +73,8 @@ def identification(options: Namespace) -> None:
         outcome = fit(options, robot)
     else:
         _require_tree_torques(options)
-        if options.base_parameters:
-            fit_model, printed, title = _fit_base, print_base, 'of the base parameters'
-        else:
-            fit_model, printed, title = _fit_model, print_model, 'of the identified model'
-        outcome = fit_model(options, model)
+        printed, title = print_model, 'of the identified model'
+        outcome = _fit_model(options, model)
     # All kinds of fits have the measured and the computed torque for the picture.
     data = outcome.data
     if plot is not None:
@@ -231,6 +226,10 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
     if options.out:
         files = write_model(source_of(options), result.model, options.out, result.coupled)
     data = {**model_data(result, recording), 'files': list(files)}
+    if options.base_parameters:
+        base, values, deviations = result.base
+        data['base_parameters'] = {'names': list(base.names), 'values': values,
+                                   'standard_deviations': deviations}
     before = Robot(model).inverse_dynamics(recording.q, recording.u, recording.udot)
     border = None
     if options.test is None:
@@ -320,6 +319,12 @@ def print_model(data: dict[str, Any]) -> None:
     if identifiable:
         print('\ninertial parameters that are identifiable one by one; kg, m, about the origin')
         print_table(['parameter', 'value', '+-'], identifiable)
+    if 'base_parameters' in data:
+        columns = data['base_parameters']
+        spread = [f'{deviation:.1g}' for deviation in columns['standard_deviations']]
+        print()
+        print_table(['value', '+-', 'base parameter'],
+                    zip(columns['values'], spread, columns['names'], strict=True))
     print(f'\ncondition number {data["condition"]:.3g}, weight of the prior '
           f'{data["prior_weight"]:g}')
     _print_files(data)
@@ -410,41 +415,6 @@ def write_model(source: str | bytes, model: Model, out: str,
             with whole_file(paths[-1]) as stream:
                 stream.write(text)
     return paths
-
-
-# Base parameters.
-
-@on_one_processor
-def _fit_base(options: Namespace, model: Model) -> Outcome:
-    """Estimate base parameters by weighted least squares."""
-    model, recording = _without_doubtful_gravity(options, model)
-    data = rows(model, recording, options.standstill)
-    # Fitted to the first half, judged by the second.
-    first, second = data.half(second=False), data.half(second=True)
-    speeds = base_speeds(first, model)
-    fit = fit_base(first, model, speeds)
-    computed = recording.tau - base_error(fit, data, speeds)
-    return Outcome({
-        'joint_names': list(model.joint_names), 'rows': len(recording),
-        'names': list(fit.base.names), 'values': fit.values,
-        'standard_deviations': fit.deviations, 'condition': fit.condition,
-        'friction_speed': speeds, 'rms_fitted': fit.sigma,
-        'rms_held_out': rms(base_error(fit, second, speeds)), 'files': []},
-        recording.t, recording.tau, computed)
-
-
-def print_base(data: dict[str, Any]) -> None:
-    """Print the base parameters."""
-    print(f'{data["rows"]} rows: fitted to the first half, validated on the second')
-    deviations = [f'{deviation:.1g}' for deviation in data['standard_deviations']]
-    print_table(['value', '+-', 'base parameter'],
-                zip(data['values'], deviations, data['names'], strict=True))
-    print()
-    print_table(['joint', 'RMS fitted', 'held out'],
-                zip(data['joint_names'], data['rms_fitted'], data['rms_held_out'],
-                    strict=True))
-    print(f'\ncondition number {data["condition"]:.3g}')
-    _print_files(data)
 
 
 # Drives of elastic joints.

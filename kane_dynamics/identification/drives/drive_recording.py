@@ -140,42 +140,6 @@ class DriveRecording:
             even[name] = through_rows(t)
         return replace(self, t=t, **even)
 
-    def synchronized(self, skew: ArrayLike) -> DriveRecording:
-        """
-        Return the recording without the delay of the links' encoders.
-
-        Parameters
-        ----------
-        skew : float or (n,) array_like
-            How late the positions of the links are after those of the motors, s. Rows
-            whose positions are not recorded then are left out.
-
-        Raises
-        ------
-        InputError
-            There are no positions of the links, or skews are not finite.
-
-        """
-        if self.q is None:
-            raise InputError('drive recording: no positions of the links (q); expected '
-                             'these, since the skew is theirs')
-        late = real(skew, 'skew')
-        if not np.isfinite(late).all() or late.shape not in ((), self.q.shape[1:]):
-            raise InputError(f'skew: {skew!r}; expected a finite number, or one for each of '
-                             f'{self.q.shape[1]} joints, s')
-        late = np.broadcast_to(late, self.q.shape[1:])
-        # Positions of the links at a time were recorded later by the skew of their joint.
-        spline = scientific('scipy.interpolate').CubicSpline
-        on_time = np.empty_like(self.q)
-        for joint, delay in enumerate(late):
-            on_time[:, joint] = spline(self.t, self.q[:, joint])(self.t + delay)
-        # Times whose positions of all links lie within the recording.
-        recorded = self.t + late.max() <= self.t[-1]
-        recorded &= self.t + late.min() >= self.t[0]
-        columns = {name: getattr(self, name)[recorded] for name in self.signals}
-        columns['q'] = on_time[recorded]
-        return replace(self, t=self.t[recorded], **columns)
-
 
 def read_drive_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                          ratio: ArrayLike = 1.0) -> DriveRecording:

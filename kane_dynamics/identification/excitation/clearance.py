@@ -7,11 +7,10 @@ Pairs of bodies that a joint connects are left out, and pairs of shapes whose ca
 at rest.
 
 The distance of two capsules is that of their segments less the radii (Ericson, Real-Time
-Collision Detection (2005), section 5.1.9). Its slope is that of the two closest points,
-by the Jacobians (partial velocities) of their bodies.
+Collision Detection (2005), section 5.1.9).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 import warnings
@@ -31,8 +30,8 @@ NEAR = 0.5  # of the distance at rest: links that are nearer than DISTANCE there
 AIM = 0.02  # m: how much further away the search stays
 UNIT = 0.1  # m: a shortfall that counts as much as twice a limit of the joints
 SMALL = 1e-12  # m^2
+STEP = 1e-6  # of differences, rad or m
 CHANGES = 1e-9  # m: less is rounding
-UP = np.array([0.0, 0.0, 1.0])
 
 
 class Capsule(NamedTuple):
@@ -47,7 +46,7 @@ class Capsule(NamedTuple):
 
 class Clearance:
     """
-    Heights of links above a floor and distances between them, with their gradients.
+    Heights of links above a floor and distances between them.
 
     Parameters
     ----------
@@ -124,8 +123,8 @@ class Clearance:
         name = model.base_name if body == WORLD else model.bodies[body].name
         return Capsule(shape.link or name, body, center, R @ half, radius)
 
-    def _poses(self, q: Array) -> dict[int, Array]:
-        """Return the poses of the bodies' frames, (N, 4, 4) each."""
+    def _segments(self, q: Array) -> tuple[Array, Array]:
+        """Return centers of the shapes and halves of their segments, (N, shapes, 3) each."""
         poses = {}
         for body in self._bodies:
             frame = self._frames[body]
@@ -137,10 +136,6 @@ class Clearance:
                 poses[body] = np.broadcast_to(fixed, (len(q), 4, 4))
             else:
                 poses[body] = self.robot.frame_pose(frame.name, q)
-        return poses
-
-    def _segments(self, poses: dict[int, Array]) -> tuple[Array, Array]:
-        """Return centers of the shapes and halves of their segments, (N, shapes, 3) each."""
         centers, halves = [], []
         for shape in self.shapes:
             R, p = poses[shape.body][:, :3, :3], poses[shape.body][:, :3, 3]
@@ -148,83 +143,41 @@ class Clearance:
             halves.append(R @ shape.half)
         return np.stack(centers, axis=1), np.stack(halves, axis=1)
 
-    def _lowest_points(self, poses: dict[int, Array]) -> Array:
-        """Return the lowest point of each capsule that may reach the floor, (N, k, 3)."""
-        centers, halves = (part[:, self.moving] for part in self._segments(poses))
-        radii = np.array([self.shapes[k].radius for k in self.moving])
-        return np.asarray(centers - np.sign(halves[:, :, 2:]) * halves
-                          - radii[:, None] * UP)
-
     def heights(self, q: Array) -> Array:
-        """Return the heights of the k movable shapes above the floor, (N, k), m, for q (N, n)."""
-        return self._lowest_points(self._poses(q))[:, :, 2]
+        """Return the heights of the k movable shapes in the world, (N, k), m, for q (N, n)."""
+        centers, halves = (part[:, self.moving, 2] for part in self._segments(q))
+        radii = np.array([self.shapes[k].radius for k in self.moving])
+        return np.asarray(centers - np.abs(halves) - radii)
 
-    def _closest(self, poses: dict[int, Array]) -> tuple[Array, Array, Array]:
-        """Return the closest points of each pair, (N, pairs, 3), and their distances, m."""
-        centers, halves = self._segments(poses)
+    def distances(self, q: Array) -> Array:
+        """Return the distance between the capsules of each pair, (N, pairs), m, for q (N, n)."""
+        centers, halves = self._segments(q)
         i, j = self.pairs.T
         first, second = closest_points(centers[:, i], halves[:, i], centers[:, j],
                                        halves[:, j])
         radii = np.array([shape.radius for shape in self.shapes])
-        return first, second, np.linalg.norm(first - second,
-                                             axis=2) - radii[i] - radii[j]
-
-    def distances(self, q: Array) -> Array:
-        """Return the distance between the capsules of each pair, (N, pairs), m, for q (N, n)."""
-        return self._closest(self._poses(q))[2]
+        return np.asarray(np.linalg.norm(first - second, axis=2) - radii[i] - radii[j])
 
     def room(self, q: Array) -> Array:
         """Return heights and distances beyond those needed, (N, k + pairs), m, for q (N, n)."""
         floor = -np.inf if self.floor is None else self.floor
         return np.hstack([self.heights(q) - floor, self.distances(q) - self.needed])
 
-    def missing(self, q: Array) -> tuple[float, Array]:
-        """Return the mean squared shortfall for q (N, n), in units of `UNIT`, and its gradient."""
-        total = 0.0
+    def shortfall(self, q: Array) -> Array:
+        """Return the squared shortfall of room for q (N, n), (N,), in units of `UNIT`."""
+        short = np.maximum(AIM - self.room(q), 0.0) / UNIT
+        return np.asarray(np.sum(short**2, axis=1))
+
+    def shortfall_slope(self, q: Array) -> Array:
+        """Return the derivatives of `shortfall` by q, (N, n), by differences."""
         slope = np.zeros_like(q)
-        poses = self._poses(q)
-
-        # Each shortfall pulls at a point of one or two bodies.
-        for shortfall, pulls in (*self._low(poses), *self._near(poses)):
-            short = np.flatnonzero(shortfall > 0.0)
-            if not len(short):
-                continue
-            total += float(np.sum(shortfall[short]**2)) / (UNIT**2 * len(q))
-            for body, point, direction in pulls:
-                if body == WORLD:
-                    continue
-                # Gradient, from the principle of virtual power: the wrench of the pull
-                # times the Jacobian.
-                J = self.robot.jacobian(self._frames[body].name, q[short])
-                arm = point[short] - poses[body][short, :3, 3]
-                force = direction[short]
-                wrench = np.concatenate([force, np.cross(arm, force)], axis=1)
-                per_shortfall = np.einsum('si,sij->sj', wrench, J)
-                scale = 2.0 / (UNIT**2 * len(q))
-                slope[short] -= scale * shortfall[short, None] * per_shortfall
-        return total, slope
-
-    def _low(self, poses: dict[int, Array]
-             ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
-        """Yield the missing height of each shape, (N,), and its gradient."""
-        if self.floor is None:
-            return
-        points = self._lowest_points(poses)
-        for k, point in zip(self.moving, points.transpose(1, 0, 2), strict=True):
-            yield (self.floor + AIM - point[:, 2],
-                   [(self.shapes[k].body, point, np.broadcast_to(UP, point.shape))])
-
-    def _near(self, poses: dict[int, Array]
-              ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
-        """Yield the missing distance of each pair, (N,), and its gradient."""
-        first, second, distances = self._closest(poses)
-        for k, (i, j) in enumerate(self.pairs):
-            a, b = first[:, k], second[:, k]
-            gap = np.linalg.norm(a - b, axis=1, keepdims=True)
-            direction = (a - b) / np.maximum(gap, SMALL)
-            yield (self.needed[k] + AIM - distances[:, k],
-                   [(self.shapes[i].body, a, direction),
-                    (self.shapes[j].body, b, -direction)])
+        squares = self.shortfall(q)
+        short = squares > 0.0
+        moved = q[short][:, None] + STEP * np.eye(q.shape[1])
+        if short.any():
+            ahead = self.shortfall(moved.reshape(-1, q.shape[1])).reshape(-1, q.shape[1])
+            slope[short] = (ahead - squares[short, None]) / STEP
+        return slope
 
     def lowest(self, q: Array) -> tuple[str, float] | None:
         """Return the lowest link along a periodic motion's samples, and its height, m."""

@@ -130,57 +130,49 @@ class DesignCriterion:
 
     def cost(self, p: Array, weight: float) -> tuple[float, Array]:
         """Return `worth` plus weighted squared excesses over limits, and the gradient."""
-        states = [matrix @ p for matrix in self.grid]  # q, u, udot
+        states = np.stack([matrix @ p for matrix in self.grid])  # q, u, udot
         W = self.regressor(*states)
         value, G = worth(W)
         if math.isinf(value):
             return value, np.zeros_like(p)
-        # Differences of the regressor along every component of q, u and udot: the
-        # regressor of all 3 n displaced motions is computed at once.
+        excess = self._excess(*states)
+        penalty = float(excess.mean())
+        # Differences along every component of q, u and udot: all 3 n displaced motions are
+        # computed at once.
         n = self.model.n
-        displaced: list[list[Array]] = [[], [], []]
-        for component in range(3 * n):
-            displaced_part, i = divmod(component, n)
-            for part, state in enumerate(states):
-                step = STEP * np.eye(n)[i] if part == displaced_part else 0.0
-                displaced[part].append(state + step)
-        ahead = self.regressor(*(np.concatenate(rows) for rows in displaced))
-        change = np.einsum('msjc,sjc->ms', ahead.reshape(3 * n, *W.shape) - W, G) / STEP
-        slopes = [change[part * n:(part + 1) * n].T for part in range(3)]
-        penalty, by_state = self._penalty(*states)
+        component = np.arange(3 * n)
+        part, joint = np.divmod(component, n)
+        displaced = np.repeat(states[:, None], 3 * n, axis=1)
+        displaced[part, component, :, joint] += STEP
+        displaced = displaced.reshape(3, -1, n)
+        change = self.regressor(*displaced).reshape(3 * n, *W.shape) - W
+        slopes = np.einsum('msjc,sjc->ms', change, G)
+        of_excess = self._excess(*displaced).reshape(3 * n, -1) - excess
+        slopes += weight / len(excess) * of_excess
         gradient = np.zeros_like(p)
-        for matrix, slope, of_penalty in zip(self.grid, slopes, by_state, strict=True):
-            gradient += matrix.T @ (slope + weight * of_penalty)
+        for matrix, slope in zip(self.grid, slopes.reshape(3, n, -1) / STEP, strict=True):
+            gradient += matrix.T @ slope.T
         if self.clearance is not None:
-            missing, by_q = self.clearance.missing(self.finer @ p)
-            penalty += missing
+            q = self.finer @ p
+            penalty += float(self.clearance.shortfall(q).mean())
+            by_q = self.clearance.shortfall_slope(q) / len(q)
             gradient += weight * (self.finer.T @ by_q)
         return value + weight * penalty, gradient
 
-    def _penalty(self, q: Array, u: Array, udot: Array) -> tuple[float, list[Array]]:
-        """Return the mean squared excess beyond the share of limits, and its gradients."""
-        total = 0.0
-        slopes = [np.zeros_like(q) for _ in range(3)]
-
-        def excess(use: Array) -> Array:
-            nonlocal total
+    def _excess(self, q: Array, u: Array, udot: Array) -> Array:
+        """Return the squared excess of each sample beyond the share of limits, (N,)."""
+        excess = np.zeros(len(q))
+        for use in self._uses(q, u, udot).values():
             beyond = np.maximum(np.abs(use) - GUARD * self.share, 0.0)
-            total += float(np.sum(beyond**2)) / len(q)
-            return np.asarray(2.0 * np.sign(use) * beyond / len(q))
-        # Positions, speeds and accelerations relative to their limits.
-        slopes[0] += excess((q - self.middle) / self.reach) / self.reach
-        slopes[1] += excess(u / self.velocity) / self.velocity
-        slopes[2] += excess(udot / self.acceleration) / self.acceleration
-        # Torques, with gradients from the derivatives of inverse dynamics.
-        by_torque = excess(self.robot.inverse_dynamics(q, u,
-                                                       udot) / self.effort) / self.effort
-        if by_torque.any():
-            for slope, matrix in zip(slopes, self.robot.inverse_dynamics_derivatives(q,
-                                                                                     u,
-                                                                                     udot),
-                                     strict=True):
-                slope += np.einsum('sj,sji->si', by_torque, matrix)
-        return total, slopes
+            excess += np.sum(beyond**2, axis=1)
+        return excess
+
+    def _uses(self, q: Array, u: Array, udot: Array) -> dict[str, Array]:
+        """Return each quantity relative to its limit, (N, n) arrays."""
+        return {'position': (q - self.middle) / self.reach,
+                'velocity': u / self.velocity,
+                'acceleration': udot / self.acceleration,
+                'effort': self.robot.inverse_dynamics(q, u, udot) / self.effort}
 
     def broken(self, p: Array) -> str | None:
         """Describe the limit that a motion exceeds; return None if it satisfies all."""
@@ -192,14 +184,9 @@ class DesignCriterion:
 
     def uses(self, p: Array) -> dict[str, Array]:
         """Return the largest share of each limit that a motion uses at any time, (n,) arrays."""
-        q, u, udot = (matrix @ p for matrix in self.dense)
-        values = {'position': (q - self.middle) / self.reach,
-                  'velocity': u / self.velocity,
-                  'acceleration': udot / self.acceleration,
-                  'effort': self.robot.inverse_dynamics(q, u, udot) / self.effort}
         largest = {}
-        for name, value in values.items():
-            largest[name] = BETWEEN * np.abs(value).max(axis=0)
+        for name, use in self._uses(*(matrix @ p for matrix in self.dense)).items():
+            largest[name] = BETWEEN * np.abs(use).max(axis=0)
         return largest
 
 

@@ -69,9 +69,7 @@ class _Limits(NamedTuple):
         too_large = torque > self.share * self.robot.limits.effort
         if too_large.any():
             return f"the effort of '{self.robot.joint_names[int(too_large.argmax())]}'"
-        if self.clearance is not None and self.clearance.missing(q)[0] > 0.0:
-            return SPACE
-        return None
+        return None if len(self.clear(q)) == len(q) else SPACE
 
     def clear(self, q: Array) -> Array:
         """Return the configurations, (K, n), above the floor and with links apart."""

@@ -192,8 +192,7 @@ def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
     centers = design.middle + rng.uniform(-0.3, 0.3, design.model.n) * reach
     if design.clearance is not None:
         some = design.middle + rng.uniform(-0.6, 0.6, (CENTERS, design.model.n)) * reach
-        missing = [design.clearance.missing(center[None])[0] for center in some]
-        centers = some[int(np.argmin(missing))]
+        centers = some[int(np.argmin(design.clearance.shortfall(some)))]
     p[0] = centers
     return p
 

@@ -446,7 +446,7 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *,
             yield RecordingFault('remark' if hedged else 'wrong',
                                  fault.format(_named(model, sorted(faulty))))
     if not any(joints_by_fault.values()) and not has_signal_faults:
-        yield from _delays(model, torque_delays(model, smooth))
+        yield from _delays(model, torque_delays(model, recording))
 
 
 def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_added: bool

@@ -160,16 +160,12 @@ class Recording:
         lowest, highest = LOWEST_CUTOFF / mean, 0.5 / mean
         cutoff = number(cutoff, 'cutoff', f'above {lowest:g} Hz, and below half the '
                         f'sampling rate, {highest:g} Hz', lambda x: lowest < x < highest)
-        signal = scientific('scipy.signal')
-        sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:
             raise InputError(f'recording: {len(self)} rows; expected more than '
                              f'{6 * ORDER}')
 
         # Forwards and backwards, so that nothing is delayed.
-        q = signal.sosfiltfilt(sections, self.q, axis=0)
-        u = signal.sosfiltfilt(sections, self.u, axis=0)
-        tau = signal.sosfiltfilt(sections, self.tau, axis=0)
+        q, u, tau = (low_pass(values, cutoff, mean) for values in (self.q, self.u, self.tau))
         # Derived columns are derived again, from what was filtered.
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
@@ -208,6 +204,13 @@ class Recording:
         with np.errstate(invalid='ignore'):
             return np.asarray(np.sqrt(np.mean(left**2, axis=0) * 35.0 / 18.0
                                       / np.mean(self.udot**2, axis=0)))
+
+
+def low_pass(values: Array, cutoff: float, step: float) -> Array:
+    """Return values, (N, ...), at even steps of time below a frequency, Hz, without delay."""
+    signal = scientific('scipy.signal')
+    sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / step)
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
 
 
 def check_recording(model: Model, recording: Recording, least: int = 3,

@@ -29,8 +29,9 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.presliding import dahl_friction
-from kane_dynamics.identification.recordings.recording import check_recording, Recording
-from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.identification.recordings.recording import (check_recording, low_pass,
+                                                               Recording)
+from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -90,13 +91,14 @@ class TorqueDelays:
         return self.deviation <= JUDGED
 
     @property
-    def delayed(self) -> bool:
-        """
-        Return whether the common delay differs from zero, by two standard deviations.
+    def known(self) -> bool:
+        """Return whether at least half of the joints can be judged: the arm has one delay."""
+        return 2 * int(np.count_nonzero(self.judged)) >= len(self.delay)
 
-        It is that of the arm only if at least half of the joints can be judged.
-        """
-        if 2 * np.count_nonzero(self.judged) < len(self.delay):
+    @property
+    def delayed(self) -> bool:
+        """Return whether the common delay differs from zero, by two standard deviations."""
+        if not self.known:
             return False
         return abs(self.common) > max(SURE * self.common_deviation, SHORTEST)
 
@@ -107,6 +109,7 @@ class TorqueDelays:
         return self.judged & outlying & ~self.friction_memory
 
 
+@on_one_processor
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """
     Return the delays of the torques of a recording; noisy accelerations are filtered first.
@@ -115,6 +118,7 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """
     check_recording(model, recording)
     measured = recording.t
+    cutoff = _cutoff(recording)
     recording = smoothed(recording)
     if recording.uneven:
         recording = recording.resampled()
@@ -138,7 +142,14 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         q, u, udot = recording.q[inner], recording.u[inner], recording.udot[inner]
         Y = robot.regressor(q, u, udot)
         rigid = robot.inverse_dynamics(q, u, udot)
-        presliding = dahl_friction(recording.q, DAHL_LENGTHS)[inner]
+        # Sharp friction is filtered as the torques are.
+        speeds = [*FRICTION_SPEEDS, *LOAD_FRICTION_SPEEDS]
+        sliding = np.stack([coulomb(recording.u, speed) for speed in speeds], axis=1)
+        presliding = dahl_friction(recording.q, DAHL_LENGTHS)
+        if cutoff is not None:
+            sliding = low_pass(sliding, cutoff, step)
+            presliding = low_pass(presliding, cutoff, step)
+        sliding, presliding = sliding[inner], presliding[inner]
         for j in range(n):
             if _reversals(u[:, j]) < FEWEST_REVERSALS:
                 continue
@@ -146,7 +157,8 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
             driven = np.column_stack([Y[:, j], udot[:, j]])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
             plain[j], with_all_terms[j] = _fits(step * lags, torques, driven, rigid[:, j],
-                                                u[:, j], presliding[:, :, j])
+                                                u[:, j], sliding[:, :, j],
+                                                presliding[:, :, j])
     delay = np.array([minimum.delay for minimum in with_all_terms])
     deviation = np.array([minimum.deviation for minimum in with_all_terms])
     common, common_deviation = _common(delay, deviation)
@@ -187,7 +199,7 @@ NO_MINIMUM = _Minimum(0.0, np.inf, np.inf, np.zeros(1), np.zeros(1))
 
 
 def _fits(lags: Array, torques: Array, driven: Array, rigid: Array, u: Array,
-          presliding: Array) -> tuple[_Minimum, _Minimum]:
+          sliding: Array, presliding: Array) -> tuple[_Minimum, _Minimum]:
     """
     Return the minima of a joint's fits with plain friction and with all terms.
 
@@ -201,12 +213,12 @@ def _fits(lags: Array, torques: Array, driven: Array, rigid: Array, u: Array,
         Columns of bodies and rotor.
     rigid, u : (N,) arrays
         Torque of the given model, and speeds.
-    presliding : (N, lengths) array
-        Dahl friction of coefficient 1.
+    sliding, presliding : (N, speeds), (N, lengths) arrays
+        Coulomb and Dahl friction of coefficient 1.
 
     """
-    coulomb_friction = [coulomb(u, speed) for speed in FRICTION_SPEEDS]
-    A = np.column_stack([driven, u, *coulomb_friction, np.ones(len(u))])
+    count = len(FRICTION_SPEEDS)
+    A = np.column_stack([driven, u, sliding[:, :count], np.ones(len(u))])
     residuals = _residuals(A, torques)
     plain = _minimum(lags, residuals)
 
@@ -214,8 +226,8 @@ def _fits(lags: Array, torques: Array, driven: Array, rigid: Array, u: Array,
     best = int(np.argmin(np.sum(residuals**2, axis=0)))
     solution = _solution(A, torques[:, best])
     load = np.abs(rigid + driven @ solution[:driven.shape[1]])
-    load_friction = [load * coulomb(u, speed) for speed in LOAD_FRICTION_SPEEDS]
-    A = np.column_stack([A, u * np.abs(u), *load_friction, presliding])
+    load_friction = load[:, None] * sliding[:, count:]
+    A = np.column_stack([A, u * np.abs(u), load_friction, presliding])
     return plain, _minimum(lags, _residuals(A, torques))
 
 
@@ -236,13 +248,17 @@ def _interrupted(t: Array, measured: Array) -> Flags:
     return interrupted
 
 
+def _cutoff(recording: Recording) -> float | None:
+    """Return a cutoff of up to 10 Hz if accelerations are noise, a fifth of the rate; or None."""
+    if len(recording) <= 100 or not (recording.acceleration_noise() > NOISE).any():
+        return None
+    return min(10.0, 0.2 / float(np.diff(recording.t).mean()))
+
+
 def smoothed(recording: Recording) -> Recording:
     """Return the recording, filtered at up to 10 Hz if its accelerations are noise."""
-    if len(recording) <= 100 or not (recording.acceleration_noise() > NOISE).any():
-        return recording
-    # Up to a fifth of the sampling rate.
-    mean_step = float(np.diff(recording.t).mean())
-    return recording.filtered(min(10.0, 0.2 / mean_step))
+    cutoff = _cutoff(recording)
+    return recording if cutoff is None else recording.filtered(cutoff)
 
 
 def _common(delay: Array, deviation: Array) -> tuple[float, float]:

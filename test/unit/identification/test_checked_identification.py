@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kane_dynamics import load_urdf, ModelWarning
-from kane_dynamics.identification import (base_regressor, base_speeds, fit_base,
-                                          identify, identify_payload, rows)
+from kane_dynamics.identification import base_regressor, identify, identify_payload
 from kane_dynamics.identification.payload import payload_fit
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ def test_recording_that_the_command_refuses_is_warned_of():
     identify(model, wrong, friction_only=True, diagnosed=True)
 
 
-def test_payload_and_base_parameters_compute_on_one_thread(monkeypatch):
+def test_payloads_and_models_are_identified_on_one_thread(monkeypatch):
     model = load_urdf(URDF)
     threads = []
 
@@ -41,6 +40,5 @@ def test_payload_and_base_parameters_compute_on_one_thread(monkeypatch):
     watched(base_regressor, 'full_regressor')
     recording = simulated(model, 3, 0.01, duration=6.0)
     identify_payload(model, recording, 'tip')
-    data = rows(model, recording)
-    fit_base(data, model, base_speeds(data, model))
+    identify(model, recording, friction='coulomb', weight=10.0, diagnosed=True)
     assert len(threads) >= 3 and np.max(threads) == 1

@@ -92,9 +92,9 @@ def test_slope_of_shortfalls_is_that_of_differences():
         model, shapes = loaded(name)
         clearance = Clearance(model, shapes, 0.3, 0.2)
         q, direction = 0.8 * rng.normal(size=(2, 40, model.n))
-        rise = (clearance.missing(q + 1e-6 * direction)[0]
-                - clearance.missing(q - 1e-6 * direction)[0]) / 2e-6
-        assert np.sum(clearance.missing(q)[1] * direction) == pytest.approx(
+        rise = (clearance.shortfall(q + 1e-6 * direction).sum()
+                - clearance.shortfall(q - 1e-6 * direction).sum()) / 2e-6
+        assert np.sum(clearance.shortfall_slope(q) * direction) == pytest.approx(
             rise, rel=1e-4)
 
 

@@ -8,16 +8,18 @@ from pathlib import Path
 
 from kane_dynamics import (ComputedTorque, InputError, load_urdf, ModelWarning, Robot,
                            simulate)
-from kane_dynamics.identification import excite, fit_base, Recording, rows
+from kane_dynamics.identification import base_parameters, excite, Recording, rows
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.excitation.clearance import clearance_of
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.excitation.optimal_excitation import (largest_motion,
                                                                         random_motion)
+from kane_dynamics.identification.regression import full_regressor
 from mechanisms import with_bodies
 import numpy as np
 import pytest
+from scipy.stats import chi2
 import threadpoolctl
 
 FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
@@ -106,19 +108,23 @@ def test_slope_of_the_cost_is_that_of_its_differences(weight):
     assert np.sum(judge.cost(p, weight)[1] * direction) == pytest.approx(rise, rel=1e-3)
 
 
-def test_recording_of_the_motion_gives_the_parameters_within_three_deviations():
+def test_recording_of_the_motion_gives_all_parameters_within_their_covariance():
     robot = Robot(arm())
     course = exciting_motion().motion(200.0)
     q, u, _ = exciting_motion().sample(np.zeros(1))
     run = simulate(robot, q[0], u[0], 10.0, step=1e-3, sample=5e-3,
                    torque=ComputedTorque(robot, course, 400.0, 40.0))
-    noise = 0.5 * np.random.default_rng(4).normal(size=run.tau.shape)
-    fit = fit_base(
-        rows(arm(), Recording(run.t, run.q, run.u, run.udot, run.tau + noise)), arm(),
-        np.full(6, 0.05))
-    off = (fit.values - fit.base.B @ true_unknowns(arm())) / fit.deviations
-    assert np.abs(off).max() < 3.0
-    assert 0.7 < off.std() < 1.3
+    noise = 0.5 * np.random.default_rng(3).normal(size=run.tau.shape)
+    recording = Recording(run.t, run.q, run.u, run.udot, run.tau + noise)
+    speeds = np.full(6, 0.05)
+    base = base_parameters(arm(), speeds)
+    X = full_regressor(rows(arm(), recording), speeds)[:, :, base.columns]
+    X = X.reshape(-1, len(base.columns)) / 0.5
+    estimate = np.linalg.lstsq(X, recording.tau.ravel() / 0.5, rcond=None)[0]
+    # The squared error by the inverse covariance is chi-squared: 58 numbers together.
+    off = X @ (estimate - base.B @ true_unknowns(arm()))
+    low, high = chi2.interval(0.99, len(base.columns))
+    assert low < off @ off < high
 
 
 @cache

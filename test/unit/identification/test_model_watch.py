@@ -125,24 +125,25 @@ def measured(model, noise_seed, delay=0.0, motion_seed=3, speed=2.0, noise=0.2,
     return Recording(t[rows], q_rows, u_rows, udot_rows, tau_rows)
 
 
-@pytest.mark.parametrize('delay', [0.006, pytest.param(-0.01, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('delay', [
+    0.006, 0.1, pytest.param(-0.01, marks=pytest.mark.slow)])
 def test_a_common_delay_is_one_alarm_with_its_size(delay):
     model = with_gears(load_urdf(URDF))
     watch = watch_of(model, measured(model, 1))
     alarm, = watch.report(measured(model, 2, delay)).alarms
     assert (alarm.cause, alarm.joint) == ('delay', 'all joints')
-    assert abs(alarm.size - delay) < 0.003  # rows are 5 ms apart
+    assert abs(alarm.size - delay) < min(3.0 * alarm.deviation, 0.001)
 
 
-@pytest.mark.parametrize('motion_seed', [3, 4])
-def test_a_delay_beyond_those_that_are_tried_is_a_change_of_unknown_cause(motion_seed):
+def test_a_torque_that_no_cause_explains_is_a_change_of_unknown_cause():
     model = with_gears(load_urdf(URDF))
     watch = watch_of(model, measured(model, 1))
-    late = measured(model, 2, 0.1, motion_seed)
-    alarms = watch.report(late).alarms
-    assert {alarm.cause for alarm in alarms} == {'unknown'}
-    assert 'unknown cause' in str(alarms[0])
-    assert all(alarm.size > 3.0 for alarm in alarms)
+    recording = measured(model, 2)
+    tau = recording.tau.copy()
+    tau[:, 1] += 40.0 * np.sin(9.0 * recording.t)
+    alarm, = watch.report(replace(recording, tau=tau)).alarms
+    assert (alarm.cause, alarm.joint) == ('unknown', model.joint_names[1])
+    assert 'unknown cause' in str(alarm) and alarm.size > 3.0
 
 
 def test_a_short_contact_is_no_change_of_the_arm():
