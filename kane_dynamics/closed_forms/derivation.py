@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.frozen import freeze
-from kane_dynamics._util.typing import Array
 from kane_dynamics.closed_forms.auxiliary_speeds import with_auxiliary_speeds
 from kane_dynamics.closed_forms.polynomials import operations, shortened
 from kane_dynamics.closed_forms.symbolic import (
-    as_matrix, Parameter, ParameterSymbols, scalar, symbolic_mechanism, symbols,
+    as_matrix, as_scalars, Parameter, ParameterSymbols, symbolic_mechanism, symbols,
     unwrapped)
 from kane_dynamics.closed_forms.variations import forces_by_variations
 from kane_dynamics.errors import InputError
@@ -27,7 +25,6 @@ from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.model import Frame, WORLD
-from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 import sympy as sp
@@ -38,7 +35,6 @@ LONG_DRIFT = 40  # of accelerations, which shorten where they are inserted
 OWN = 'own'
 
 
-@dataclass(frozen=True, eq=False)
 class Derivation:
     """
     The steps of Kane's method for one mechanism, as SymPy objects.
@@ -52,8 +48,6 @@ class Derivation:
         Places in u of the n independent and the m dependent speeds.
     torques, wrench : tuples of symbols
         Of the actuated joints; forces and moments of the wrench frames, in their order.
-    parameters : list of Parameter
-        Those that appear.
     letters : dict of symbol to expression
         Letters of long coefficients, in the order of their evaluation, and the dependent
         speeds.
@@ -82,41 +76,136 @@ class Derivation:
         vectors, an independent derivation; empty unless asked for.
     auxiliary : dict of str to expression
         Constraint forces and moments by name, in terms of udot.
-    operations_before : OperationCount
+    operations_before : int
         Operations of M and bias as the sums over bodies give them.
 
     """
 
-    robot: Robot
-    q: tuple[Any, ...]
-    u: tuple[Any, ...]
-    udot: tuple[Any, ...]
-    free: list[int]
-    dependent: list[int]
-    torques: tuple[Any, ...]
-    wrench: tuple[Any, ...]
-    parameters: list[Parameter]
-    letters: dict[Any, Any]
-    conditions: tuple[Any, ...]
-    Y: Any
-    Z: Any
-    W: Any
-    X: Any
-    A: Any
-    B: Any
-    drift: Any
-    qdot: Any
-    axes: str
-    velocities: dict[str, Any]
-    holonomic: dict[str, Any]
-    partials: dict[str, Any]
-    accelerations: dict[str, Any]
-    active: dict[str, Any]
-    M: Any
-    inertia_bias: Any
-    energy: dict[str, Any]
-    auxiliary: dict[str, Any]
-    operations_before: OperationCount
+    def __init__(self, robot: Robot, numbers: bool, axes: str, points: Sequence[str],
+                 auxiliary: Sequence[str], energy: bool) -> None:
+        """Derive all steps in their order; arguments are those of `derivation`."""
+        self.robot = robot
+        self.axes = axes
+        rows = [force for force in auxiliary if force in robot.mechanism.labels]
+        reactions = [force for force in auxiliary if force not in rows]
+        self._table = ParameterSymbols(numbers)
+        self._derive_speeds(reactions)
+        self._derive_vectors(points)
+        self._derive_forces(rows, reactions)
+        self.energy = {}
+        if energy:
+            self.energy = forces_by_variations(
+                self._model, self._q, self._joint_rates, self._joint_accelerations,
+                self._T[:, :len(self.free)], self._paper.short)
+        self.letters = self._paper.letters
+        self.conditions = tuple(self._paper.conditions)
+
+    def _derive_speeds(self, reactions: Sequence[str]) -> None:
+        """Derive the kinematical differential equations and the constraints."""
+        robot = self.robot
+        numeric = with_auxiliary_speeds(robot.mechanism, reactions)
+        mechanism = symbolic_mechanism(numeric, self._table, reactions)
+        self._model = mechanism.model
+        count = robot.model.n  # speeds without those of reactions
+        self.free = robot.mechanism.free
+        self.dependent = nonholonomic.dependent_places(numeric)
+
+        # Auxiliary speeds are symbols in velocities, and zero in the motion.
+        at_rest = np.zeros(len(reactions)).astype(object)
+        self.q, q = symbols(f'q{k + 1}' for k in range(robot.n_q))
+        self.u, self._u = symbols(f'u{r + 1}' for r in range(mechanism.model.n))
+        self.udot, udot = symbols(f'udot{r + 1}' for r in range(count))
+        _, (t,) = symbols(['t'])
+        self._q = q = np.concatenate([q, at_rest])
+        u = np.concatenate([self._u[:count], at_rest])
+        u_I = u[numeric.free]
+        udot = np.concatenate([udot, at_rest])[numeric.free]
+
+        start = robot.neutral() if robot.configuration is None else robot.configuration
+        numbers = {parameter.symbol: parameter.value
+                   for parameter in self._table.parameters.values()}
+        self._paper = _Paper(self.u, {**numbers, **dict(zip(self.q, start)), t.value: 0.0})
+        short = self._paper.short
+
+        # u = Y q' + Z, its inverse q' = W u + X, and u_D = A u_I + B.
+        Y, Z = mechanism.speeds.of(q, t)
+        self.Y = short(Y[:count, :count])
+        self.Z = short(Z[:count])
+        self._parts = parts = nonholonomic.reduction(mechanism, q, t, self._paper.lettered)
+        for r, expression in zip(self.dependent, short(parts.A @ u_I + parts.B)):
+            self._paper.letters[self.u[r]] = expression
+        self.W = as_matrix(parts.W)
+        self.X = as_matrix(parts.X)
+        self.A = as_matrix(parts.A[:, :len(self.free)])
+        self.B = as_matrix(parts.B)
+        self._T = nonholonomic.partials_of(mechanism, parts)
+        self._joint_rates = nonholonomic.constrained_rates(parts, u)
+        qdot = coordinate_rates(self._model, q, self._joint_rates)
+        self.qdot = short(qdot[:robot.n_q])
+
+        # u_D' = A u_I' + drift, and the accelerations, also at u_I' = 0.
+        change = nonholonomic.drift(mechanism, parts, q, self._joint_rates, u_I, t,
+                                    self._paper.lettered)
+        self.drift = as_matrix(change.dependent)
+        self._joint_accelerations, self._bias_accelerations = (
+            nonholonomic.joint_accelerations(mechanism, parts, change, rates)
+            for rates in (udot, np.zeros(len(udot)).astype(object)))
+
+    def _derive_vectors(self, points: Sequence[str]) -> None:
+        """Derive velocities, partial velocities and accelerations of bodies and points."""
+        short = self._paper.short
+        model, q, parts = self._model, self._q, self._parts
+        bodies = kinematics.configurations(model, q)
+        self.velocities, self.holonomic, self.partials, self.accelerations = (
+            {}, {}, {}, {})
+        for label, frame in _places(model, points).items():
+            R = _axes(model, q, bodies, self.axes, frame)
+            # Angular before linear, in the axes of R.
+            turned = np.block([[np.zeros((3, 3)), R.T], [R.T, np.zeros((3, 3))]])
+            by_joints = turned @ kinematics.frame_partial_velocities(
+                model, frame, q, bodies=bodies)
+            _, acceleration = kinematics.frame_motion(
+                model, frame, q, self._joint_rates, self._joint_accelerations)
+            self.velocities[label] = short(by_joints @ (parts.W @ self._u + parts.X))
+            self.holonomic[label] = short(by_joints @ parts.W)
+            self.partials[label] = short(by_joints @ self._T)
+            self.accelerations[label] = short(turned @ acceleration)
+
+    def _derive_forces(self, rows: Sequence[str], reactions: Sequence[str]) -> None:
+        """Derive active and inertia forces, and the constraint forces by name."""
+        short = self._paper.short
+        model, q, T = self._model, self._q, self._T
+        n = len(self.free)
+        self.torques, torques = _torques(self.robot, model.n)
+        wrench = _wrench(self.robot)
+        self.wrench = tuple(map(unwrapped, wrench.ravel()))
+        by_source = _active_forces(self.robot, model, q, self._joint_rates, torques, wrench)
+        active = {source: short(T.T @ force) for source, force in by_source.items()}
+        self.active = {source: force[:n, :] for source, force in active.items()
+                       if not force.is_zero_matrix}
+        derived_M = T.T @ kane.mass_matrix(model, q) @ T
+        derived_bias = -(T.T @ kane.generalized_inertia_force(
+            model, q, self._joint_rates, self._bias_accelerations))
+        self.operations_before = operations([*as_matrix(derived_M), *as_matrix(derived_bias)])
+        upper = short(np.triu(derived_M))
+        M = sp.Matrix(*upper.shape, lambda r, s: upper[min(r, s), max(r, s)])
+        bias = short(derived_bias)
+        self.M = M[:n, :n]
+        self.inertia_bias = bias[:n, :]
+
+        # Each reaction by the equation of its auxiliary speed, each row by that of the
+        # dependent speed that it alone changes.
+        self.auxiliary = {}
+        udot = sp.Matrix([self.udot[r] for r in self.free])
+        for k, reaction in enumerate(reactions, n):
+            force = sum(force[k] for force in active.values())
+            self.auxiliary[reaction] = (M[k, :n] @ udot)[0] + bias[k] - force
+        joint_force = sum(by_source.values()) + kane.generalized_inertia_force(
+            model, q, self._joint_rates, self._joint_accelerations)
+        for row in rows:
+            N = (self._parts.W[:, self.dependent]
+                 @ self._parts.D[:, _kept_row(self.robot, row)])
+            self.auxiliary[row] = short(np.array([-(N @ joint_force)]))[0]
 
     @property
     def bias(self) -> Any:
@@ -140,6 +229,13 @@ class Derivation:
     def speeds_of_tables(self) -> list[int]:
         """Return the places in u of the columns of `partials`: auxiliary ones last."""
         return [*self.free, *range(len(self.udot), len(self.u))]
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """Return the parameters that appear."""
+        used = self.symbols_of_equations
+        return [parameter for parameter in self._table.parameters.values()
+                if parameter.symbol in used]
 
     @property
     def symbols_of_equations(self) -> set[Any]:
@@ -178,51 +274,38 @@ class Derivation:
 
     def expanded(self, expression: Any) -> Any:
         """Return an expression or matrix in q, u_I, t and parameters, without letters."""
-        for symbol in reversed(self.letters):
-            expression = expression.subs(symbol, self.letters[symbol])
-        return expression
+        values: dict[Any, Any] = {}
+        for symbol, value in self.letters.items():
+            values[symbol] = value.xreplace(values)
+        return expression.xreplace(values)
 
 
 class _Paper:
     """Shortens expressions, and gives letters to long ones."""
 
-    def __init__(self, q: Sequence[Any], speeds: Sequence[Any],
-                 at: Mapping[Any, float]) -> None:
+    def __init__(self, speeds: Sequence[Any], at: Mapping[Any, float]) -> None:
         """Start without letters; `at` are numbers at which signs are chosen."""
         self.letters: dict[Any, Any] = {}
         self.conditions: dict[Any, None] = {}
-        self._q = q
         self._speeds = speeds
         self._at = at
 
     def short(self, array: Any) -> Any:
         """Return the shortest forms of an array of scalars as a SymPy matrix."""
-        entries = np.asarray(array, dtype=object)
-        expressions = [self._signed(unwrapped(x)) for x in entries.ravel()]
-        rows, columns = entries.shape if entries.ndim == 2 else (len(entries), 1)
-        return sp.Matrix(rows, columns, shortened(expressions, self._q, self._speeds))
-
-    def symmetric(self, array: Any) -> Any:
-        """Return the shortest forms of a symmetric array; equal entries are shared."""
-        n = len(array)
-        upper = [(r, s) for r in range(n) for s in range(r, n)]
-        entries = dict(zip(upper, self.short(np.array([array[k] for k in upper]))))
-        return sp.Matrix(n, n, lambda r, s: entries[min(r, s), max(r, s)])
+        matrix = as_matrix(array).applyfunc(self._signed)
+        return sp.Matrix(*matrix.shape, shortened(list(matrix), self._speeds))
 
     def lettered(self, name: str, array: Any) -> Any:
         """Return the entries of an array, long ones and quotients as letters."""
-        source = np.asarray(array, dtype=object)
-        result = np.empty(source.shape, dtype=object)
-        short = self.short(source)
+        short = self.short(array)
         limit = LONG_DRIFT if name in ('U', 'V') else LONG
-        for place, expression in zip(np.ndindex(source.shape), short, strict=True):
-            index = ''.join(str(k + 1) for k in place)
-            if sp.count_ops(expression) > limit or _is_quotient(expression):
+        for place in np.ndindex(short.shape):
+            if sp.count_ops(short[place]) > limit or _is_quotient(short[place]):
+                index = ''.join(str(k + 1) for k in place[:np.ndim(array)])
                 symbol = sp.Symbol(f'{name}{index}', real=True)
-                self.letters[symbol] = expression
-                expression = symbol
-            result[place] = scalar(expression)
-        return result
+                self.letters[symbol] = short[place]
+                short[place] = symbol
+        return as_scalars(short).reshape(np.shape(array))
 
     def _signed(self, expression: Any) -> Any:
         """Return an expression without |x| of functions of q, and note the sign of x."""
@@ -244,7 +327,7 @@ def _is_quotient(expression: Any) -> bool:
 
 def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
                points: Sequence[str] = (), auxiliary: Sequence[str] = (),
-               energy: bool = False, near: Any = None) -> Derivation:
+               energy: bool = False) -> Derivation:
     """
     Derive the equations of motion of a mechanism by Kane's method.
 
@@ -263,9 +346,6 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         '<joint>:<direction>' with a direction x, y, z, rx, ry, rz of the joint's body.
     energy : bool
         Derive F*, gravity and springs by variations of vectors, too.
-    near : (n_q,) array_like, optional
-        Configuration at which signs of square roots are those of the equations. Default:
-        the robot's.
 
     Raises
     ------
@@ -281,149 +361,7 @@ def derivation(robot: Robot, *, numbers: bool = False, axes: str = OWN,
         raise InputError(f"derivation of '{name}': {robot.n_q} coordinates; expected 1 "
                          f'to {MOST}: choose fewer with --joints, --base or --tip, or '
                          'linear_form about one motion')
-    rows = [force for force in auxiliary if force in robot.mechanism.labels]
-    reactions = [force for force in auxiliary if force not in rows]
-    steps = _Steps(robot, ParameterSymbols(numbers), reactions, near)
-    fields = steps.speeds()
-    fields |= steps.vectors(axes, points)
-    fields |= steps.forces(rows)
-    fields['energy'] = steps.energy() if energy else {}
-    result = Derivation(robot=robot, axes=axes, parameters=[], letters=steps.paper.letters,
-                        conditions=tuple(steps.paper.conditions), **fields)
-    used = result.symbols_of_equations
-    result.parameters.extend(parameter for parameter in steps.table.parameters.values()
-                             if parameter.symbol in used)
-    return result
-
-
-class _Steps:
-    """The steps of a derivation in their order; each returns fields of `Derivation`."""
-
-    def __init__(self, robot: Robot, table: ParameterSymbols, reactions: Sequence[str],
-                 near: Any) -> None:
-        """Prepare the mechanism of symbols, with a speed for each reaction."""
-        self.robot = robot
-        self.table = table
-        self.reactions = reactions
-        numeric = with_auxiliary_speeds(robot.mechanism, reactions)
-        self.mechanism = symbolic_mechanism(numeric, table, reactions)
-        self.model = self.mechanism.model
-        self.free = numeric.free
-        self.n = len(self.free) - len(reactions)
-        self.dependent = nonholonomic.dependent_places(numeric)
-        self.count = robot.model.n  # speeds without those of reactions
-
-        # Auxiliary speeds are symbols in velocities, and zero in the motion.
-        self.at_rest = np.zeros(len(reactions)).astype(object)
-        self.q_symbols, q = symbols(f'q{k + 1}' for k in range(robot.n_q))
-        self.u_symbols, self.u = symbols(f'u{r + 1}' for r in range(self.model.n))
-        self.udot_symbols, udot = symbols(f'udot{r + 1}' for r in range(self.count))
-        self.q = np.concatenate([q, self.at_rest])
-        self.moving_u = np.concatenate([self.u[:self.count], self.at_rest])
-        self.u_I = self.moving_u[self.free]
-        self.udot = np.concatenate([udot, self.at_rest])[self.free]
-        self.t = symbols(['t'])[1][0]
-
-        values = {parameter.symbol: parameter.value
-                  for parameter in table.parameters.values()}
-        values.update(zip(self.q_symbols, _configuration(robot, near)))
-        values[self.t.value] = 0.0
-        self.paper = _Paper(self.q_symbols, self.u_symbols, values)
-
-    def speeds(self) -> dict[str, Any]:
-        """Return speeds, kinematical differential equations and constraints."""
-        short = self.paper.short
-        mechanism, q, t = self.mechanism, self.q, self.t
-        Y, Z = mechanism.speeds.of(q, t)
-        parts = nonholonomic.reduction(mechanism, q, t, self.paper.lettered)
-        dependent_speeds = short(parts.A @ self.u_I + parts.B)
-        for place, expression in zip(self.dependent, dependent_speeds):
-            self.paper.letters[self.u_symbols[place]] = expression
-        self.parts = parts
-        self.T = nonholonomic.partials_of(mechanism, parts)
-        self.joint_rates = nonholonomic.constrained_rates(parts, self.moving_u)
-        self.change = nonholonomic.drift(mechanism, parts, q, self.joint_rates, self.u_I,
-                                         t, self.paper.lettered)
-        self.joint_accelerations = nonholonomic.joint_accelerations(
-            mechanism, parts, self.change, self.udot)
-        qdot = coordinate_rates(self.model, q, self.joint_rates)[:self.robot.n_q]
-        count = self.count
-        return {'q': self.q_symbols, 'u': self.u_symbols, 'udot': self.udot_symbols,
-                'free': self.free[:self.n], 'dependent': self.dependent,
-                'Y': short(Y[:count, :count]), 'Z': short(Z[:count]),
-                'W': as_matrix(parts.W), 'X': as_matrix(parts.X),
-                'A': as_matrix(parts.A[:, :self.n]), 'B': as_matrix(parts.B),
-                'drift': as_matrix(self.change.dependent), 'qdot': short(qdot)}
-
-    def vectors(self, axes: str, points: Sequence[str]) -> dict[str, Any]:
-        """Return velocities, partial velocities and accelerations of bodies and points."""
-        short = self.paper.short
-        bodies = kinematics.configurations(self.model, self.q)
-        tables: dict[str, dict[str, Any]] = {
-            'velocities': {}, 'holonomic': {}, 'partials': {}, 'accelerations': {}}
-        speeds = self.parts.W @ self.u + self.parts.X
-        for label, frame in _places(self.model, points).items():
-            R = _axes(self.model, self.q, bodies, axes, frame)
-            # Angular before linear, in the axes of R.
-            turned = np.block([[np.zeros((3, 3)), R.T], [R.T, np.zeros((3, 3))]])
-            by_joints = turned @ kinematics.frame_partial_velocities(
-                self.model, frame, self.q, bodies=bodies)
-            _, acceleration = kinematics.frame_motion(
-                self.model, frame, self.q, self.joint_rates, self.joint_accelerations)
-            tables['velocities'][label] = short(by_joints @ speeds)
-            tables['holonomic'][label] = short(by_joints @ self.parts.W)
-            tables['partials'][label] = short(by_joints @ self.T)
-            tables['accelerations'][label] = short(turned @ acceleration)
-        return tables
-
-    def forces(self, rows: Sequence[str]) -> dict[str, Any]:
-        """Return active and inertia forces, and the constraint forces of rows and joints."""
-        short = self.paper.short
-        model, q, T, n = self.model, self.q, self.T, self.n
-        torque_symbols, torques = _torques(self.robot)
-        by_source = _active_forces(self.robot, model, q, self.joint_rates, torques)
-        active = {source: short(T.T @ force) for source, force in by_source.items()}
-        M_raw = T.T @ kane.mass_matrix(model, q) @ T
-        at_rest = np.zeros(len(self.free)).astype(object)
-        bias_accelerations = nonholonomic.joint_accelerations(
-            self.mechanism, self.parts, self.change, at_rest)
-        inertia_raw = -(T.T @ kane.generalized_inertia_force(model, q, self.joint_rates,
-                                                             bias_accelerations))
-        M = self.paper.symmetric(M_raw)
-        inertia_bias = short(inertia_raw)
-
-        # Each reaction by the equation of its auxiliary speed, each row by that of the
-        # dependent speed that it alone changes.
-        auxiliary = {}
-        udot = sp.Matrix([self.udot_symbols[r] for r in self.free[:n]])
-        for k, reaction in enumerate(self.reactions, n):
-            total = (M[k, :n] @ udot)[0] + inertia_bias[k]
-            auxiliary[reaction] = total - sum(force[k] for force in active.values())
-        joint_force = sum(by_source.values()) + kane.generalized_inertia_force(
-            model, q, self.joint_rates, self.joint_accelerations)
-        for row in rows:
-            N = self.parts.W[:, self.dependent] @ self.parts.D[:, _kept_row(self.robot, row)]
-            auxiliary[row] = short(np.array([-(N @ joint_force)]))[0]
-        return {'torques': torque_symbols,
-                'wrench': tuple(map(unwrapped, _wrench(self.robot).ravel())),
-                'active': {source: force[:n, :] for source, force in active.items()
-                           if not force.is_zero_matrix},
-                'M': M[:n, :n], 'inertia_bias': inertia_bias[:n, :], 'auxiliary': auxiliary,
-                'operations_before': operations(
-                    [unwrapped(x) for x in (*M_raw.ravel(), *inertia_raw)])}
-
-    def energy(self) -> dict[str, Any]:
-        """Return F*, gravity and springs by variations of vectors."""
-        return forces_by_variations(
-            self.model, self.q, self.joint_rates, self.joint_accelerations,
-            self.T[:, :self.n], self.paper.short)
-
-
-def _configuration(robot: Robot, near: Any) -> Array:
-    """Return the configuration at which signs are chosen, (n_q,)."""
-    if near is None:
-        near = robot.configuration
-    return robot.neutral() if near is None else np.asarray(near, dtype=np.float64)
+    return Derivation(robot, numbers, axes, points, auxiliary, energy)
 
 
 def _places(model: Any, points: Sequence[str]) -> dict[str, Frame]:
@@ -450,21 +388,17 @@ def _axes(model: Any, q: Any, bodies: Any, axes: str, frame: Frame) -> Any:
     return R
 
 
-def _torques(robot: Robot) -> tuple[Any, Any]:
-    """Return symbols of the torques of actuated joints, and those of all joints."""
-    names = robot.model.joint_names
-    plain: list[Any] = []
-    torques = np.zeros(len(names)).astype(object)
-    for k, joint in enumerate(names):
-        if joint in robot.actuated_names:
-            symbol, torque = symbols([f'T{k + 1}'])
-            plain += symbol
-            torques[k] = torque[0]
-    return tuple(plain), torques
+def _torques(robot: Robot, n: int) -> tuple[Any, Any]:
+    """Return symbols of the torques of actuated joints, and the torques of all, (n,)."""
+    actuated = [k for k, joint in enumerate(robot.model.joint_names)
+                if joint in robot.actuated_names]
+    torques = np.zeros(n).astype(object)
+    plain, torques[actuated] = symbols(f'T{k + 1}' for k in actuated)
+    return plain, torques
 
 
 def _active_forces(robot: Robot, model: Any, q: Any, joint_rates: Any,
-                   torques: Any) -> dict[str, Any]:
+                   torques: Any, wrench: Any) -> dict[str, Any]:
     """Return the generalized active forces of the joint rates by source, (n_j,) each."""
     none = np.zeros(3)
 
@@ -475,10 +409,9 @@ def _active_forces(robot: Robot, model: Any, q: Any, joint_rates: Any,
     forces = {'gravity': -kane.gravity_force(model, q), 'springs': springs}
     if robot.friction:
         forces['friction'] = force(friction=True) - springs
-    more = np.zeros(model.n - len(torques)).astype(object)
-    forces['actuators'] = np.concatenate([torques, more])
-    for frame, wrench in zip(robot.options['wrench_frames'], _wrench(robot)):
-        of_frame = {frame: (wrench[:3], wrench[3:])}
+    forces['actuators'] = torques
+    for frame, components in zip(robot.options['wrench_frames'], wrench):
+        of_frame = {frame: (components[:3], components[3:])}
         forces[f'wrench at {frame}'] = force(friction=False, wrenches=of_frame) - springs
     return forces
 

@@ -1,16 +1,18 @@
 """
 Derivations as text, Markdown and LaTeX, and as plain data.
 
-The texts are written from the same steps: titles, sentences and equations.
+All are written from the same steps: titles, sentences and equations.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import astuple
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from kane_dynamics.closed_forms.derivation_code import equations_of_motion, StraightLineCode
+from kane_dynamics.closed_forms.derivation_code import equations_of_motion
+from kane_dynamics.closed_forms.polynomials import operations
 from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from kane_dynamics.closed_forms.derivation import Derivation
 
 DIGITS = 6
-WIDTH = 58  # glyphs on a line of LaTeX: a column of 12 cm in letters of 10 points
 VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}  # rows of a table of velocities
 ACCELERATIONS = {'alpha': slice(0, 3), 'a': slice(3, 6)}
 Counts = dict[str, OperationCount]
@@ -96,49 +97,136 @@ def _forces(places: list[int], by_source: dict[str, Any]) -> list[Equation]:
             for source, force in by_source.items() for r, x in zip(places, force)]
 
 
+def legend(form: Derivation) -> list[tuple[str, str, str]]:
+    """Return symbol, value and meaning of coordinates, speeds and parameters."""
+    robot = form.robot
+    table = []
+    for symbol, name in zip(form.q, robot.model.coordinate_names):
+        unit = 'm' if name in robot.model.sliding else 'rad'
+        table.append((str(symbol), '', f'{name} [{unit}]'))
+    for r, name in enumerate(robot.mechanism.speeds.names):
+        kind = 'dependent speed' if r in form.dependent else 'speed'
+        table.append((f'u{r + 1}', '', f'{kind} {name}'))
+    for symbol in form.torques:
+        joint = robot.model.joint_names[int(str(symbol)[1:]) - 1]
+        table.append((str(symbol), '', f'actuator of {joint}'))
+    for parameter in form.parameters:
+        table.append((str(parameter.symbol), f'{parameter.value:.{DIGITS}g}',
+                      f'{parameter.meaning} [{parameter.unit}]'))
+    return table
+
+
+def _rounded(expression: Any) -> Any:
+    """Return an expression or matrix with its long fractions rounded."""
+    fractions = {x: sp.Float(x, DIGITS) for x in expression.atoms(sp.Rational) if x.q > 1000}
+    return expression.xreplace(fractions)
+
+
+def _plain(value: Any) -> str:
+    """Return an expression as text."""
+    return str(sp.sstr(_rounded(value), full_prec=False))
+
+
+def _latex(value: Any) -> str:
+    """Return an expression as LaTeX that a line may end in: no fractions of sums."""
+    value = _rounded(value)
+    # Letters of parameters have the number and the axes as their index.
+    names = {}
+    for symbol in value.free_symbols:
+        letter, index = re.fullmatch(r'(.*?)(\d*[xyz]*)', symbol.name).groups()
+        if letter and index and not letter.endswith('dot'):
+            names[symbol] = f'{letter}_{{{index}}}'
+    powers = {power: sp.Dummy() for power in value.atoms(sp.Pow)
+              if power.exp.is_negative and power.free_symbols}
+    for power, symbol in powers.items():
+        base = _latex(power.base)
+        names[symbol] = rf'({base})^{{{_latex(power.exp)}}}'
+    text = sp.latex(value.xreplace(powers), symbol_names=names, full_prec=False,
+                    root_notation=False, long_frac_ratio=1)
+    return re.sub(r'\\(left|right)', '', text)
+
+
+def _latex_by_terms(value: Any) -> str:
+    """Return an expression as LaTeX with a term on each line, which TeX limits."""
+    return re.sub(' ([+-]) ', r'\n\1 ', _latex(value))
+
+
+def _latex_name(name: str) -> str:
+    """Return a name such as u1', omega2 of link or F*3 as LaTeX."""
+    letter, mark, index, dot, owner = re.fullmatch(  # type: ignore[union-attr]
+        r"(omega|alpha|bias|\w)(\*?)(\w*)('?)(?: of (.*))?", name).groups('')
+    above = rf'{mark}\text{{{_escaped(owner)}}}' if owner else mark
+    symbol = _latex(sp.Symbol(letter + 'dot' * len(dot)))
+    return symbol + f'_{{{index}}}' * bool(index) + f'^{{{above}}}' * bool(above)
+
+
+def _escaped(text: str) -> str:
+    """Return text with the special characters of LaTeX escaped."""
+    return re.sub(r'([_&%#$])', r'\\\1', text)
+
+
+class Format(NamedTuple):
+    """A format of derivations: templates of its parts, and writers of mathematics."""
+
+    title: str
+    symbol: str
+    condition: str
+    step: str
+    equation: str
+    name: Callable[[str], str]
+    expression: Callable[[Any], str]
+    comma: str = ', '
+    words: Callable[[str], str] = str
+
+
+TEXT = Format('{0}: M(q) udot + bias(q, u) = tau\n', '{:6}{:12}{}', 'valid where {} > 0',
+              '\n{}. {}: {}', '{} = {}', str, _plain)
+MARKDOWN = Format('## {0}\n\n| symbol | value | meaning |\n|---|---|---|', '| {} | {} | {} |',
+                  '\nValid where ${} > 0$.', '\n### {}. {}\n\n{}\n', '${} = {}$\n',
+                  _latex_name, _latex)
+LATEX = Format('% {0}\n{{\\raggedright\\parindent0pt', '% {}  {}  {}', 'Valid where \\({} > 0\\).\n',
+               '\n\\paragraph{{{1}.}} {2}\n', '\\(\\displaystyle {} = {}\\)\n', _latex_name,
+               _latex_by_terms, r',\allowbreak\ ', _escaped)
+
+
+def _lines(form: Derivation, style: Format) -> list[str]:
+    """Return the lines of a derivation in a format."""
+    lines = [style.title.format(form.robot.model.name)]
+    lines += [style.symbol.format(*row) for row in legend(form)]
+    lines += [style.condition.format(style.expression(x)) for x in form.conditions]
+    for number, step in enumerate(steps(form), 1):
+        lines.append(style.step.format(number, step.title, style.words(step.sentence)))
+        if style is MARKDOWN and step.title == 'Partial velocities':
+            lines += _table(form)
+            continue
+        for name, value in step.equations:
+            lines.append(style.equation.format(style.name(name), _written(value, style)))
+    return lines
+
+
+def _written(value: Any, style: Format) -> str:
+    """Return an expression, or a vector: 0, or its three components."""
+    if not isinstance(value, sp.MatrixBase):
+        return style.expression(value)
+    if value.is_zero_matrix:
+        return '0'
+    return f'({style.comma.join(map(style.expression, value))})'
+
+
 def as_text(form: Derivation, compiled: Counts | None = None) -> str:
     """Return a derivation and its operation counts as plain text."""
-    lines = [f'{form.robot.model.name}: M(q) udot + bias(q, u) = tau', '']
-    lines += [f'{symbol:6}{value:12}{meaning}' for symbol, value, meaning in legend(form)]
-    lines += [f'valid where {_plain(condition)} > 0' for condition in form.conditions]
-    for number, step in enumerate(steps(form), 1):
-        lines += ['', f'{number}. {step.title}: {step.sentence}']
-        lines += [f'{name} = {_plain(value)}' for name, value in step.equations]
-    lines += ['', f'operations: {", ".join(OperationCount.__dataclass_fields__)}']
-    for name, count in operation_counts(form, compiled).items():
-        lines.append(f'{name}: {", ".join(map(str, asdict(count).values()))}')
-    return '\n'.join(lines) + '\n'
+    counts = [f'{name}: {count}' for name, count in operation_counts(form, compiled).items()]
+    return '\n'.join([*_lines(form, TEXT), '', 'operations:', *counts, ''])
 
 
 def as_latex(form: Derivation) -> str:
     """Return the steps as LaTeX for a document with the package amsmath."""
-    lines = [f'% {"  ".join(row)}'.rstrip() for row in legend(form)]
-    lines.append(r'\allowdisplaybreaks')
-    lines += [rf'Valid where \( {_latex(condition)} > 0 \).'
-              for condition in form.conditions]
-    for step in steps(form):
-        lines.append(rf'\paragraph{{{step.title}.}} {_escaped(step.sentence)}')
-        for equation in step.equations:
-            lines.append(rf'\begin{{align*}} {_display(equation)} \end{{align*}}')
-    return '\n'.join(lines) + '\n'
+    return '\n'.join([*_lines(form, LATEX), r'\par}', ''])
 
 
 def as_markdown(form: Derivation) -> str:
     """Return the steps as Markdown, partial velocities as a table."""
-    lines = [f'## {form.robot.model.name}', '', '| symbol | value | meaning |',
-             '|---|---|---|']
-    for symbol, value, meaning in legend(form):
-        lines.append(f'| ${_latex(sp.Symbol(symbol))}$ | {value} | {meaning} |')
-    for condition in form.conditions:
-        lines += ['', f'Valid where ${_latex(condition)} > 0$.']
-    for number, step in enumerate(steps(form), 1):
-        lines += ['', f'### {number}. {step.title}', '', step.sentence, '']
-        if step.title == 'Partial velocities':
-            lines += _table(form)
-            continue
-        for equation in step.equations:
-            lines += ['$$', rf'\begin{{aligned}} {_display(equation)} \end{{aligned}}', '$$']
-    return '\n'.join(lines) + '\n'
+    return '\n'.join([*_lines(form, MARKDOWN), ''])
 
 
 def _table(form: Derivation) -> list[str]:
@@ -146,7 +234,7 @@ def _table(form: Derivation) -> list[str]:
     header = [f'{letter} of {body}' for body in form.partials for letter in VECTORS]
     rows = [['r', *header], ['---'] * (len(header) + 1)]
     for column, r in enumerate(form.speeds_of_tables):
-        cells = [f'${_latex(table[part, column].T)}$'
+        cells = [f'${_written(table[part, column], MARKDOWN)}$'
                  for table in form.partials.values() for part in VECTORS.values()]
         rows.append([str(r + 1), *cells])
     return [f'| {" | ".join(row)} |' for row in rows]
@@ -172,8 +260,7 @@ def as_data(form: Derivation, compiled: Counts | None = None) -> Any:
         'mass_matrix': form.M,
         'bias_force': list(form.bias),
         'constraint_forces': form.auxiliary,
-        'operations': {name: asdict(count) for name, count
-                       in operation_counts(form, compiled).items()}})
+        'operations': operation_counts(form, compiled)})
 
 
 def _data(value: Any) -> Any:
@@ -187,144 +274,15 @@ def _data(value: Any) -> Any:
     return _plain(value) if isinstance(value, sp.Basic) else value
 
 
-def operation_counts(form: Derivation, compiled: Counts | None) -> Counts:
+def operation_counts(form: Derivation, compiled: Counts | None) -> dict[str, int]:
     """Return operations of M and bias: as derived, in closed form, and of kernels."""
     counts = {'mass_matrix and bias_force, as derived': form.operations_before}
-    for name, matrix in (('mass_matrix', form.M), ('bias_force', form.bias)):
-        program = StraightLineCode(form.letters, {name: matrix})
-        counts[f'{name}, closed form'] = program.operations()
+    results = {'mass_matrix': form.M, 'bias_force': form.bias}
+    for name, matrix in results.items():
+        counts[f'{name}, closed form'] = operations(list(form.expanded(matrix)))
         if compiled is not None:
-            counts[f'{name}, compiled'] = compiled[name]
-    everything = StraightLineCode(form.letters, equations_of_motion(form))
-    counts['all, closed form'] = everything.operations()
+            counts[f'{name}, compiled'] = sum(astuple(compiled[name]))
+    everything = [form.expanded(x) for x in equations_of_motion(form).values()]
+    counts['all, closed form'] = operations(list(sp.Matrix.vstack(*(
+        matrix.reshape(len(matrix), 1) for matrix in everything))))
     return counts
-
-
-def legend(form: Derivation) -> list[tuple[str, str, str]]:
-    """Return symbol, value and meaning of coordinates, speeds and parameters."""
-    robot = form.robot
-    table = []
-    for symbol, name in zip(form.q, robot.model.coordinate_names):
-        unit = 'm' if name in robot.model.sliding else 'rad'
-        table.append((str(symbol), '', f'{name} [{unit}]'))
-    for r, name in enumerate(robot.mechanism.speeds.names):
-        kind = 'dependent speed' if r in form.dependent else 'speed'
-        table.append((f'u{r + 1}', '', f'{kind} {name}'))
-    for symbol in form.torques:
-        joint = robot.model.joint_names[int(str(symbol)[1:]) - 1]
-        table.append((str(symbol), '', f'actuator of {joint}'))
-    for parameter in form.parameters:
-        table.append((str(parameter.symbol), f'{parameter.value:.{DIGITS}g}',
-                      f'{parameter.meaning} [{parameter.unit}]'))
-    return table
-
-
-def _display(equation: Equation) -> str:
-    """Return the lines of an equation for the environment `align`."""
-    name, value = equation
-    left = _latex_name(name)
-    if not isinstance(value, sp.MatrixBase):
-        return _on_lines(left, value)
-    if _width(left) + max(_width(_latex(x)) for x in value) <= WIDTH:
-        return f'& {left} = {_latex(value)}'
-    # A vector with a long entry: an equation for each component.
-    return r' \\ '.join(_on_lines(rf'\bigl({left}\bigr)_{axis}', x)
-                        for axis, x in zip('xyz', value))
-
-
-def _latex_name(name: str) -> str:
-    """Return a name such as u1', omega2 of link or F*3 as LaTeX."""
-    letter, mark, index, dot, owner = re.fullmatch(  # type: ignore[union-attr]
-        r"(omega|alpha|bias|\w)(\*?)(\w*)('?)(?: of (.*))?", name).groups('')
-    above = rf'{mark}\text{{{_escaped(owner)}}}' if owner else mark
-    symbol = _latex(sp.Symbol(letter + 'dot' * len(dot)))
-    return symbol + f'_{{{index}}}' * bool(index) + f'^{{{above}}}' * bool(above)
-
-
-def _on_lines(left: str, value: Any) -> str:
-    """Return an equation in LaTeX, on several lines where it is long."""
-    text = _latex(value)
-    if _width(left) + _width(text) <= WIDTH:
-        return f'& {left} = {text}'
-    # Words outside of braces; a line ends before a sign, or else between two factors.
-    words = [f'{left} =']
-    depth = 0
-    for word in _flat(_rounded(value)).split():
-        if depth:
-            words[-1] += f' {word}'
-        else:
-            words.append(word)
-        depth += word.count('{') - word.count('}')
-    lines = []
-    line: list[str] = []
-    for word in words:
-        line.append(word)
-        signs = [k for k, x in enumerate(line) if k and x in ('+', '-')]
-        if len(line) > 1 and _width(' '.join(line)) > WIDTH:
-            end = signs[-1] if signs else len(line) - 1
-            lines.append(' '.join(line[:end]))
-            line = line[end:] if signs else [r'\times', word]
-    return '& ' + r' \\ &\quad '.join([*lines, ' '.join(line)])
-
-
-def _flat(value: Any) -> str:
-    """Return LaTeX without fractions and roots of sums, and with brackets of one size."""
-    powers = {power: sp.Dummy() for power in value.atoms(sp.Pow) if power.free_symbols
-              and not (power.exp.is_Integer and power.exp > 0)}
-    fractions = {x: sp.Dummy() for x in map(abs, value.atoms(sp.Rational)) if x.q > 1}
-    signed = fractions | {-x: -symbol for x, symbol in fractions.items()}
-    outer = value.xreplace(powers | signed)
-    names = {symbol: rf'\tfrac{{{x.p}}}{{{x.q}}}' for x, symbol in fractions.items()}
-    # Powers inside of other powers are written with them.
-    names |= {symbol: f'({_flat(power.base)})^{{{_latex(power.exp)}}}'
-              for power, symbol in powers.items() if symbol in outer.free_symbols}
-    text = _latex(outer, symbol_names=names)
-    return re.sub(r'\\(left|right)', '', text)
-
-
-def _width(text: str) -> int:
-    """Return about how many glyphs wide LaTeX is; a sign has space around it."""
-    signs = len(re.findall(r' [+-] ', text))
-    return signs + len(re.sub(r'\\(left|right|dot|frac|text)|[{}^_\\\s]', '', text))
-
-
-def _latex(value: Any, **settings: Any) -> str:
-    # Letters of parameters have the number and the axes as their index.
-    names = {}
-    for symbol in value.free_symbols:
-        letter = symbol.name.rstrip('xyz').rstrip('0123456789')
-        index = symbol.name.removeprefix(letter)
-        if letter and index and not letter.endswith('dot'):
-            names[symbol] = f'{letter}_{{{index}}}'
-    settings['symbol_names'] = names | settings.get('symbol_names', {})
-    return str(sp.latex(_rounded(value), full_prec=False, mat_str='matrix', mat_delim='(',
-                        **settings))
-
-
-def _escaped(text: str) -> str:
-    """Return text with the special characters of LaTeX escaped."""
-    return re.sub(r'([_&%#$])', r'\\\1', text)
-
-
-def _plain(value: Any) -> str:
-    """Return an expression as text, or a vector: 0, or its three components."""
-    if not isinstance(value, sp.MatrixBase):
-        return str(sp.sstr(_rounded(value), full_prec=False))
-    if value.is_zero_matrix:
-        return '0'
-    return f'({", ".join(map(_plain, value))})'
-
-
-def _rounded(expression: Any) -> Any:
-    """Return an expression with its long fractions and roots rounded, no exponents."""
-    if isinstance(expression, sp.MatrixBase):
-        return expression.applyfunc(_rounded)
-    long_fraction = expression.is_Rational and expression.q > 1000
-    root = expression.is_Pow and not expression.free_symbols
-    if long_fraction or (root and not expression.base.is_Integer):
-        return sp.Float(f'{float(expression):.{DIGITS}g}')
-    if expression.is_Pow and not root:
-        return expression.func(_rounded(expression.base), expression.exp)
-    if not expression.args or root:
-        return expression
-    return expression.func(*map(_rounded, expression.args))

@@ -15,9 +15,9 @@ from typing import Any
 from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics.analysis.linearization import admitted, Linearization
 from kane_dynamics.closed_forms.polynomials import shortened
-from kane_dynamics.closed_forms.symbolic import (as_matrix, Parameter, ParameterSymbols,
-                                                 scalar, symbolic_mechanism, unwrapped)
-from kane_dynamics.mechanics.algebra.jet import moving, rates
+from kane_dynamics.closed_forms.symbolic import (as_matrix, as_scalars, Parameter, ParameterSymbols,
+                                                 scalar, symbolic_mechanism)
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.friction import refuse_load_friction
@@ -176,19 +176,15 @@ class _Tangent:
         self._q = q
         self._friction = friction
         self._t = t
-        self._angles = [unwrapped(x) for x in q]
 
     def linear(self, name: str, array: Any) -> Any:
         """Return scalars cut after the first power of X, each coefficient short."""
-        source = np.asarray(array, dtype=object)
-        expressions = [unwrapped(x) for x in source.ravel()]
-        values = [x.subs(X, 0).doit() for x in expressions]
-        slopes = [x.diff(X).subs(X, 0).doit() for x in expressions]
-        short = shortened([*values, *slopes], self._angles)
-        result = np.empty(source.shape, dtype=object)
-        for k, place in enumerate(np.ndindex(source.shape)):
-            result[place] = scalar(short[k] + X * short[len(values) + k])
-        return result
+        matrix = as_matrix(array)
+        values = list(matrix.subs(X, 0).doit())
+        slopes = list(matrix.diff(X).subs(X, 0).doit())
+        short = shortened([*values, *slopes])
+        linear = [x + X * slope for x, slope in zip(short, short[len(values):])]
+        return as_scalars(sp.Matrix(*matrix.shape, linear)).reshape(np.shape(array))
 
     def positions(self, independent: Sequence[int]) -> Any:
         """Return the deviations of all joints per unit of the independent ones."""

@@ -1,10 +1,11 @@
 """Mechanics with SymPy symbols: a scalar type, and models with symbolic constants."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
 import numbers
+import operator
 from typing import Any
 
 from kane_dynamics._util.frozen import freeze
@@ -13,14 +14,48 @@ from kane_dynamics.closed_forms.polynomials import as_polynomial
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.mechanics.friction import has_dry_friction
 from kane_dynamics.model.drive import StiffnessCurve
-from kane_dynamics.model.model import Body, Joint, Model
+from kane_dynamics.model.model import Body, Joint
 import numpy as np
 import sympy as sp
 
 AXES = 'xyz'
+UNITS = {'revolute': ('N m', 'rad', 'kg m^2'), 'prismatic': ('N', 'm', 'kg')}
+LETTERS = {  # of joints, drives and constraints: letter, unit (F, L, I: `UNITS`), meaning
+    'stiffness': ('k', 'F/L', 'stiffness'),
+    'rest': ('s', 'L', "spring's rest"),
+    'damping': ('d', 'F s/L', 'damping'),
+    'fast_damping': ('df', 'F s/L', 'damping at high rates'),
+    'damping_speed': ('wd', 'L/s', 'damping speed'),
+    'friction': ('f', 'F', 'Coulomb friction'),
+    'friction_backward': ('fb', 'F', 'Coulomb friction at negative rates'),
+    'friction_speed': ('w', 'L/s', 'friction speed'),
+    'breakaway_friction': ('fs', 'F', 'breakaway friction'),
+    'stribeck_speed': ('ws', 'L/s', 'Stribeck speed'),
+    'friction_offset': ('b', 'F', 'friction at rest'),
+    'armature': ('J', 'I', 'armature'),
+    'radius': ('R', 'm', 'radius'),
+    'height': ('h', 'm', 'height'),
+    'surface_radius': ('Rs', 'm', 'surface radius'),
+    'length': ('L', 'm', 'length'),
+    'value': ('v', 'm/s or rad/s', 'value')}
 ROOTS = (sp.sqrt(2) / 2, sp.sqrt(3) / 2, sp.sqrt(2), sp.sqrt(3))
+
+
+def _operator(operation: Callable[[Any, Any], Any]) -> Any:
+    """Return the method of an operator with another scalar."""
+    def method(self: 'Symbolic', other: Any) -> Any:
+        if not isinstance(other, Symbolic | numbers.Real | sp.Expr):
+            return NotImplemented  # an array, whose entries come one by one
+        return scalar(operation(self.value, unwrapped(other)))
+    return method
+
+
+def _function(function: Callable[[Any], Any]) -> Any:
+    """Return the method of a function, which numpy calls on object arrays."""
+    def method(self: 'Symbolic') -> Any:
+        return scalar(function(self.value))
+    return method
 
 
 class Symbolic:
@@ -34,65 +69,29 @@ class Symbolic:
             value = exact(float(value))
         self.value = value
 
-    def __add__(self, other: Any) -> Any:
-        if not _is_scalar(other):
-            return NotImplemented
-        return scalar(self.value + unwrapped(other))
-
-    def __mul__(self, other: Any) -> Any:
-        if not _is_scalar(other):
-            return NotImplemented
-        return scalar(self.value * unwrapped(other))
-
-    __radd__ = __add__
-    __rmul__ = __mul__
-
-    def __neg__(self) -> Any:
-        return scalar(-self.value)
-
-    def __pos__(self) -> 'Symbolic':
-        return self
-
-    def __sub__(self, other: Any) -> Any:
-        return self + -other
-
-    def __rsub__(self, other: Any) -> Any:
-        return -self + other
-
-    def __truediv__(self, other: Any) -> Any:
-        if not _is_scalar(other):
-            return NotImplemented
-        return scalar(self.value / unwrapped(other))
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return scalar(unwrapped(other) / self.value)
-
-    def __pow__(self, exponent: Any) -> Any:
-        if not isinstance(exponent, numbers.Real):
-            return NotImplemented
-        return scalar(self.value ** exact(float(exponent)))
-
     def __lt__(self, other: Any) -> 'Condition':
         return Condition(self.value, unwrapped(other))
 
     def __gt__(self, other: Any) -> 'Condition':
         return Condition(unwrapped(other), self.value)
 
-    def sqrt(self) -> Any:
-        """Return the square root; numpy.sqrt calls this on object arrays."""
-        return scalar(sp.sqrt(as_polynomial(self.value)))
-
-
-def _function(function: Any) -> Any:
-    """Return the method of a function, which numpy calls on object arrays."""
-    def method(self: Symbolic) -> Any:
-        return scalar(function(self.value))
-    return method
-
-
-for _name, _sympy in {'sin': sp.sin, 'cos': sp.cos, 'tanh': sp.tanh, 'exp': sp.exp,
-                      'log': sp.log, 'arctan': sp.atan, '__floor__': sp.floor}.items():
-    setattr(Symbolic, _name, _function(_sympy))
+    __add__ = __radd__ = _operator(operator.add)
+    __mul__ = __rmul__ = _operator(operator.mul)
+    __sub__ = _operator(operator.sub)
+    __rsub__ = _operator(lambda x, y: y - x)
+    __truediv__ = _operator(operator.truediv)
+    __rtruediv__ = _operator(lambda x, y: y / x)
+    __pow__ = _operator(operator.pow)
+    __neg__ = _function(operator.neg)
+    __pos__ = _function(operator.pos)
+    __floor__ = _function(sp.floor)
+    sin = _function(sp.sin)
+    cos = _function(sp.cos)
+    tanh = _function(sp.tanh)
+    exp = _function(sp.exp)
+    log = _function(sp.log)
+    arctan = _function(sp.atan)
+    sqrt = _function(lambda x: sp.sqrt(as_polynomial(x)))
 
 
 def scalar(expression: Any) -> Any:
@@ -100,11 +99,6 @@ def scalar(expression: Any) -> Any:
     if expression in (-1, 0, 1):
         return float(expression)
     return Symbolic(expression)
-
-
-def _is_scalar(value: Any) -> bool:
-    """Return whether a value is an operand, no array and no number of another kind."""
-    return isinstance(value, Symbolic | numbers.Real | sp.Expr)
 
 
 class Condition:
@@ -146,9 +140,15 @@ def as_matrix(array: Any) -> Any:
     return sp.Matrix(rows, columns, [unwrapped(x) for x in entries.ravel()])
 
 
-def symbols(names: Iterable[str], **assumptions: bool) -> tuple[tuple[Any, ...], Any]:
+def as_scalars(matrix: Any) -> Any:
+    """Return a SymPy matrix as an array of scalars."""
+    entries = np.array([scalar(x) for x in matrix], dtype=object)
+    return entries.reshape(matrix.shape)
+
+
+def symbols(names: Iterable[str]) -> tuple[tuple[Any, ...], Any]:
     """Return real SymPy symbols, and an array of them as `Symbolic` scalars."""
-    plain = tuple(sp.Symbol(name, real=True, **assumptions) for name in names)
+    plain = tuple(sp.Symbol(name, real=True) for name in names)
     return plain, np.array([Symbolic(symbol) for symbol in plain], dtype=object)
 
 
@@ -226,11 +226,9 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
     mechanism : Mechanism
         The mechanism of numbers.
     table : ParameterSymbols
-        Receives the symbols: m mass, r center of mass, I moment of inertia, l place of
-        the joint, k stiffness, s rest position, d damping, df fast damping and wd
-        its speed, f friction and w its speed, J armature, ke and de stiffness and damping
-        of a drive, and others, with the body's number; p place of a frame; R radius, h height, L
-        length of a constraint. Axes, rotations, multipliers and beams stay numbers.
+        Receives the symbols with the body's number: m mass, r center of mass, I moment of
+        inertia, l place of the joint, `LETTERS` with e behind them for a drive; p place
+        of a frame. Axes, rotations, multipliers and beams stay numbers.
     auxiliary : sequence of str
         Joints of auxiliary speeds, whose bodies have the number of the body before.
 
@@ -246,7 +244,7 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
     for body in model.bodies:
         number += body.joint.name not in auxiliary
         bodies.append(_unchecked_copy(body, inertial=_inertial(table, number, body),
-                                      joint=_joint(table, model, number, body.joint)))
+                                      joint=_joint(table, number, body.joint)))
     frames = []
     for number, frame in enumerate(model.frames, 1):
         place = table.vector(f'p{number}', frame.translation, 'm',
@@ -263,34 +261,26 @@ def symbolic_mechanism(mechanism: Mechanism, table: ParameterSymbols,
     result.model = view
     if mechanism.speeds.key == 'momenta':
         result.speeds = replace(mechanism.speeds, Y=lambda q, t: kane.mass_matrix(view, q))
-    result.constraints = tuple(_constraint(table, number, constraint) for number, constraint
-                               in enumerate(mechanism.constraints, 1))
+    result.constraints = tuple(
+        _with_symbols(table, constraint, f'{number}', f'of {constraint.name}')
+        for number, constraint in enumerate(mechanism.constraints, 1))
     result._rolling = result._wheels_with_surface_rows()
     return result
 
 
-def _with_symbols(table: ParameterSymbols, record: Any, number: int,
-                  letters: Mapping[str, tuple[str, str, str]], owner: str) -> Any:
-    """
-    Return a record with symbols for its numbers.
-
-    `letters` are the symbol's letter, the unit and the meaning of each field.
-    """
+def _with_symbols(table: ParameterSymbols, record: Any, number: str, owner: str,
+                  kind: str = 'revolute') -> Any:
+    """Return a joint, drive or constraint with symbols for its numbers."""
+    force, length, inertia = UNITS[kind]
     fields = {}
-    for name, (letter, unit, meaning) in letters.items():
+    for name, (letter, unit, meaning) in LETTERS.items():
         value = getattr(record, name, None)
         if isinstance(value, numbers.Real):
-            fields[name] = table.scalar(f'{letter}{number}', float(value), unit,
-                                        f'{meaning} {owner}')
+            unit = unit.replace('F', force).replace('L', length).replace('I', inertia)
+            sign = 'minus the ' if value < 0 else ''
+            fields[name] = table.scalar(letter + number, float(value), unit,
+                                        f'{sign}{meaning} {owner}')
     return _unchecked_copy(record, **fields)
-
-
-def _constraint(table: ParameterSymbols, number: int, constraint: Any) -> Any:
-    """Return a constraint whose lengths and velocities are symbols."""
-    letters = {'radius': ('R', 'm', 'radius'), 'height': ('h', 'm', 'height'),
-               'surface_radius': ('Rs', 'm', 'surface radius'),
-               'length': ('L', 'm', 'length'), 'value': ('v', 'm/s or rad/s', 'value')}
-    return _with_symbols(table, constraint, number, letters, f'of {constraint.name}')
 
 
 def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
@@ -305,38 +295,19 @@ def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
                              f'central moment of inertia of {body.name}'))
 
 
-def _joint(table: ParameterSymbols, model: Model, number: int, joint: Joint) -> Any:
+def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
     """Return a joint, with its drive, whose properties are symbols."""
-    units = {'revolute': ('rad', 'N m', 'kg m^2'), 'prismatic': ('m', 'N', 'kg')}
-    length, force, inertia = units[joint.kind]
-    letters = {
-        'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
-        'rest': ('s', length, f"{'minus the ' * (joint.rest < 0.0)}spring's rest at"),
-        'damping': ('d', f'{force} s/{length}', 'damping at'),
-        'fast_damping': ('df', f'{force} s/{length}', 'damping at high rates at'),
-        'damping_speed': ('wd', f'{length}/s', 'damping speed at'),
-        'friction': ('f', force, 'Coulomb friction at'),
-        'friction_backward': ('fb', force, 'Coulomb friction at negative rates at'),
-        'breakaway_friction': ('fs', force, 'breakaway friction at'),
-        'stribeck_speed': ('ws', f'{length}/s', 'Stribeck speed at'),
-        'load_friction': ('e', '', 'load friction at'),
-        'load_friction_backdriven': ('eb', '', 'load friction of a driven motor at'),
-        'friction_offset': ('b', force, 'friction at rest at'),
-        'armature': ('J', inertia, 'armature at')}
-    if has_dry_friction(joint):
-        letters['friction_speed'] = ('w', f'{length}/s', 'friction speed at')
-    result = _with_symbols(table, joint, number, letters, joint.name)
+    result = _with_symbols(table, joint, f'{number}', f'at {joint.name}', joint.kind)
     place = table.vector(f'l{number}', joint.translation, 'm',
                          f'position of {joint.name}')
     freeze(result, 'translation', place)
     if joint.drive is not None:
+        owner = f'of the drive at {joint.name}'
         if isinstance(joint.drive.stiffness, StiffnessCurve):
-            raise ModelError(f"derivation of '{model.name}': a stiffness curve of the drive "
-                             f'at {joint.name}; expected a constant stiffness')
-        of_drive = {'stiffness': ('ke', f'{force}/{length}', 'stiffness of'),
-                    'damping': ('de', f'{force} s/{length}', 'damping of')}
-        freeze(result, 'drive', _with_symbols(table, joint.drive, number, of_drive,
-                                              f'the drive at {joint.name}'))
+            raise ModelError(f'derivation: a stiffness curve {owner}; expected a constant '
+                             'stiffness')
+        freeze(result, 'drive',
+               _with_symbols(table, joint.drive, f'e{number}', owner, joint.kind))
     return result
 
 

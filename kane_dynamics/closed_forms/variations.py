@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics.closed_forms.symbolic import scalar, unwrapped
+from kane_dynamics.closed_forms.symbolic import as_scalars, unwrapped
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.energy_form.finite_poses import poses
 from kane_dynamics.mechanics.energy_form.hamilton import (HamiltonByVariations,
@@ -50,7 +50,7 @@ class SymbolicMotion:
 
     def axes(self, body: int) -> Any:
         """Return the axes of a body, (3, 3, columns)."""
-        return _scalars(self.placed[body][:3, :3])
+        return as_scalars(self.placed[body][:3, :3])
 
     def center_of_mass(self, body: int) -> PossibleMotion:
         """Return the possible motion of a body's center of mass and axes."""
@@ -64,9 +64,9 @@ class SymbolicMotion:
             turn = R.diff(x) * R.T
             displacement.append(list(point.diff(x)))
             rotation.append([turn[2, 1], turn[0, 2], turn[1, 0]])
-        rows = [self.short(_scalars(sp.Matrix(r))) for r in (displacement, rotation)]
+        rows = [self.short(as_scalars(sp.Matrix(r))) for r in (displacement, rotation)]
         rates = [self._rate(matrix) for matrix in rows]
-        return PossibleMotion(_scalars(rows[0]), _scalars(rows[1]), *rates)
+        return PossibleMotion(as_scalars(rows[0]), as_scalars(rows[1]), *rates)
 
     @property
     def _variables(self) -> list[Any]:
@@ -78,7 +78,7 @@ class SymbolicMotion:
         """Return the time derivative of a function of the coordinates."""
         total: Any = np.zeros(matrix.shape)
         for x, rate in zip(self._variables, self.qdot):
-            total = total + _scalars(matrix.diff(x)) * rate
+            total = total + as_scalars(matrix.diff(x)) * rate
         return total
 
 
@@ -106,10 +106,3 @@ def forces_by_variations(model: Any, q: Any, qdot: Any, qddot: Any, variations: 
     return {'inertia': short(principle.inertia_force(motion, variations)),
             'gravity and springs': short(principle.conservative_force(motion, variations))}
 
-
-def _scalars(matrix: Any) -> Any:
-    """Return a SymPy matrix as an array of scalars."""
-    result = np.empty(matrix.shape, dtype=object)
-    for place in np.ndindex(result.shape):
-        result[place] = scalar(matrix[place])
-    return result

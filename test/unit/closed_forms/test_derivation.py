@@ -8,9 +8,9 @@ import subprocess
 
 from kane_dynamics import Inertial, InputError, ModelBuilder, Robot
 from kane_dynamics.closed_forms import derivation, polynomials
-from kane_dynamics.closed_forms.derivation_code import as_code, StraightLineCode
+from kane_dynamics.closed_forms.derivation_code import as_code
 from kane_dynamics.closed_forms.derivation_text import as_data, as_text
-from kane_dynamics.closed_forms.polynomials import shortened
+from kane_dynamics.closed_forms.polynomials import operations, shortened
 from kane_dynamics.closed_forms.symbolic import exact, Symbolic, symbols, unwrapped
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
@@ -86,15 +86,12 @@ def test_tables_hold_the_velocities_and_accelerations_in_the_chosen_axes(name, a
     for kind in ('velocities', 'accelerations', 'partials'):
         for label, matrix in getattr(form, kind).items():
             results[f'{kind} {label}'] = matrix
-    program = StraightLineCode(form.letters, results)
     q, u, t = paper_mechanisms.state(robot)
     udot = np.linspace(1.0, 2.0, robot.n)
     values = dict(zip(form.q, q)) | {p.symbol: p.value for p in form.parameters}
     values |= {form.u[r]: x for r, x in zip(form.free, u)}
     values |= {form.udot[r]: x for r, x in zip(form.free, udot)}
     values[sp.Symbol('t', real=True)] = t
-    for symbol, expression in program.assignments:
-        values[symbol] = expression.subs(values)
     rates, accelerations = nonholonomic.joint_motion(robot.mechanism, q, u, udot, t)
     model = robot.model
     bodies = kinematics.configurations(model, q)
@@ -109,10 +106,10 @@ def test_tables_hold_the_velocities_and_accelerations_in_the_chosen_axes(name, a
                 ('velocities', [*(R.T @ motion.omega), *(R.T @ motion.v_com)]),
                 ('accelerations', [*(R.T @ motion.alpha), *(R.T @ motion.a_com)]),
                 ('partials', partials.ravel())):
-            got = program.results[f'{kind} {body.name}'].subs(values)
+            got = form.expanded(results[f'{kind} {body.name}']).subs(values)
             close(list(got), expected)
     velocity, _ = kinematics.frame_motion(model, model.frame('tip'), q, rates, rates)
-    close(list(program.results['velocities point tip'].subs(values))[3:],
+    close(list(form.expanded(results['velocities point tip']).subs(values))[3:],
           {'own': bodies[-1].R_wb, 'world': np.eye(3),
            'bar0': bodies[0].R_wb}[axes].T @ velocity[:3])
 
@@ -207,7 +204,7 @@ def test_all_formats_hold_the_same_equations():
     dependent = form.u[form.dependent[0]]
     assert '3. Constraints: ' in text and f"\n{dependent}' = " in text
     assert text.startswith(form.text().partition('\noperations')[0])
-    assert form.latex().count(r'\begin{align*}') > 10
+    assert form.latex().count(r'\displaystyle') > 10
     assert form.code('c').startswith('#include <math.h>')
     markdown = form.markdown()
     assert '| r | omega of body | v of body |' in markdown
@@ -294,10 +291,8 @@ def test_operations_are_counted_after_sharing():
     b.body('link', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
     # M 0.5; bias -9.81 cos(q1)
     form = derivation(Robot(b.model()), numbers=True)
-    mass_matrix = StraightLineCode(form.letters, {'M': form.M}).operations()
-    bias = StraightLineCode(form.letters, {'bias': form.bias}).operations()
-    assert mass_matrix.multiplications == mass_matrix.additions == 0
-    assert (bias.multiplications, bias.functions) == (1, 1)
+    assert operations(list(form.M)) == 0
+    assert operations(list(form.bias)) == 3  # a sign, a product, a cosine
 
 
 def test_a_massless_body_has_no_line_in_the_table():
@@ -322,7 +317,7 @@ def test_short_forms_are_equal_to_what_they_shorten():
             (sp.sin(q1) * sp.cos(q2), sp.sin(q1) * sp.cos(q2)),
             (1 - sp.cos(q1)**2, sp.sin(q1)**2),
             (sp.tanh(u1) * (sp.sin(q2)**2 - 1), -sp.tanh(u1) * sp.cos(q2)**2)):
-        assert shortened([expression], (q1, q2), (u1,)) == [expected]
+        assert shortened([expression], (u1,)) == [expected]
 
 
 def test_terms_that_cancel_are_not_expanded_first():
@@ -330,7 +325,7 @@ def test_terms_that_cancel_are_not_expanded_first():
     x = m * (sp.sqrt(6) * sp.sin(q2)).subs(q2, 2 * q1)
     for _ in range(40):  # 2^40 terms, if they were
         x = x * sp.sin(q1 + q2)**2 + sp.cos(q1 + q2)**2 * x
-    assert shortened([x * sp.sqrt(2)], (q1, q2)) == [2 * sp.sqrt(3) * m * sp.sin(2 * q1)]
+    assert shortened([x * sp.sqrt(2)]) == [2 * sp.sqrt(3) * m * sp.sin(2 * q1)]
 
 
 def test_a_closed_form_that_fills_pages_is_refused_with_a_way_out(monkeypatch):

@@ -122,4 +122,4 @@ def test_variations_of_vectors_give_the_same_forces_symbol_by_symbol(name):
         if source in form.active:
             active = active - form.active[source]
     differences = [*(form.energy['inertia'] - form.inertia_force), *active]
-    assert not any(shortened(differences, form.q, form.u))
+    assert not any(shortened(differences, form.u))
