@@ -240,13 +240,10 @@ class Derivation:
     @property
     def symbols_of_equations(self) -> set[Any]:
         """Return the symbols of all steps, and of the letters that they contain."""
-        matrices = [self.M, self.right_side, self.qdot, self.Y, self.Z, self.A, self.B,
-                    self.drift, *self.active.values(), *self.velocities.values(),
-                    *self.partials.values(), *self.accelerations.values(),
-                    sp.Matrix(list(self.auxiliary.values()))]
-        found: set[Any] = set()
-        for matrix in matrices:
-            found |= matrix.free_symbols
+        found: set[Any] = sp.Tuple(
+            self.M, self.right_side, self.qdot, self.Y, self.Z, self.A, self.B, self.drift,
+            *self.active.values(), *self.velocities.values(), *self.partials.values(),
+            *self.accelerations.values(), *self.auxiliary.values()).free_symbols
         for symbol, expression in reversed(self.letters.items()):
             if symbol in found:
                 found |= expression.free_symbols

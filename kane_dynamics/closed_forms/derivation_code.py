@@ -51,8 +51,11 @@ def as_code(form: Derivation, language: str) -> str:
         raise InputError(f'language: {language!r}; expected one of '
                          f'{", ".join(LANGUAGES)}')
     is_c = language == 'c'
-    write = (_C() if is_c else PythonCodePrinter()).doprint
+    printer = _C() if is_c else PythonCodePrinter()
     constant = 'const double {} = {};' if is_c else '{} = {}'
+
+    def write(expression: Any) -> str:
+        return str(printer.doprint(POWERS_AS_PRODUCTS(expression)))
     equations = equations_of_motion(form)
     shared, matrices = sp.cse(list(map(form.expanded, equations.values())), order='none')
     arguments = {'q': form.q, 'u': [form.u[r] for r in form.free], 'T': form.torques,
@@ -67,13 +70,12 @@ def as_code(form: Derivation, language: str) -> str:
               for parameter in form.parameters]
     lines += [constant.format(symbol, write(POWERS_AS_PRODUCTS(x))) for symbol, x in shared]
     for result, matrix in zip(equations, matrices):
-        rows = [[write(POWERS_AS_PRODUCTS(x)) for x in row] for row in matrix.tolist()]
-        entries = sum(rows, [])
+        entries = list(map(write, matrix))
         if is_c:
             lines += [f'{result}[{k}] = {entry};' for k, entry in enumerate(entries)]
             continue
         if result == 'M':
-            entries = [f'[{", ".join(row)}]' for row in rows]
+            entries = [f'[{", ".join(map(write, row))}]' for row in matrix.tolist()]
         lines.append(f'{result} = [{", ".join(entries)}]')
     name = 'dynamics_of_' + re.sub(r'\W', '_', form.robot.model.name)
     if is_c:

@@ -133,7 +133,7 @@ def _latex(value: Any) -> str:
     # Letters of parameters have the number and the axes as their index.
     names = {}
     for symbol in value.free_symbols:
-        letter, index = re.fullmatch(r'(.*?)(\d*[xyz]*)', symbol.name).groups()
+        letter, index = re.findall(r'^(.*?)(\d*[xyz]*)$', symbol.name)[0]
         if letter and index and not letter.endswith('dot'):
             names[symbol] = f'{letter}_{{{index}}}'
     powers = {power: sp.Dummy() for power in value.atoms(sp.Pow)
@@ -241,37 +241,18 @@ def _table(form: Derivation) -> list[str]:
 
 
 def as_data(form: Derivation, compiled: Counts | None = None) -> Any:
-    """Return everything as plain data; expressions are texts for SymPy."""
-    return _data({
-        'joint_names': form.robot.joint_names,
-        'q': form.q,
-        'u': [form.u[r] for r in form.free],
-        'parameters': {str(parameter.symbol): {'value': parameter.value,
-                                               'unit': parameter.unit,
-                                               'meaning': parameter.meaning}
-                       for parameter in form.parameters},
-        'letters': form.letters,
-        'conditions': form.conditions,
-        'qdot': list(form.qdot),
-        'velocities': form.velocities,
-        'partial_velocities': form.partials,
-        'accelerations': form.accelerations,
-        'active_forces': form.active,
-        'mass_matrix': form.M,
-        'bias_force': list(form.bias),
-        'constraint_forces': form.auxiliary,
-        'operations': operation_counts(form, compiled)})
-
-
-def _data(value: Any) -> Any:
-    """Return plain data: dictionaries, lists, numbers, and texts of expressions."""
-    if isinstance(value, dict):
-        return {str(key): _data(entry) for key, entry in value.items()}
-    if isinstance(value, sp.MatrixBase):
-        return _data(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_data(entry) for entry in value]
-    return _plain(value) if isinstance(value, sp.Basic) else value
+    """Return the steps as plain data; expressions are texts for SymPy, vectors lists."""
+    data: dict[str, Any] = {
+        'symbols': {symbol: {'value': value, 'meaning': meaning}
+                    for symbol, value, meaning in legend(form)},
+        'conditions': [_plain(condition) for condition in form.conditions],
+        'steps': {},
+        'operations': operation_counts(form, compiled)}
+    for step in steps(form):
+        data['steps'][step.title] = {
+            name: list(map(_plain, value)) if isinstance(value, sp.MatrixBase)
+            else _plain(value) for name, value in step.equations}
+    return data
 
 
 def operation_counts(form: Derivation, compiled: Counts | None) -> dict[str, int]:

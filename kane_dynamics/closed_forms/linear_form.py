@@ -17,7 +17,6 @@ from kane_dynamics.analysis.linearization import admitted, Linearization
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (as_matrix, as_scalars, Parameter, ParameterSymbols,
                                                  scalar, symbolic_mechanism)
-from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.friction import refuse_load_friction
@@ -194,15 +193,9 @@ class _Tangent:
         positions[independent] = np.eye(len(independent))
         if not dependent:
             return positions
-        # Rows of positions, differentiated by each joint.
-        columns = []
-        for unit in np.eye(n):
-            state = self._mechanism.state(moving(self._q, unit), self._t)
-            residuals = self._mechanism.rows(state).residual
-            of_positions = [residuals[k] for k in self._mechanism.kept
-                            if residuals[k] is not None]
-            columns.append(rates(np.array(of_positions, dtype=object)))
-        R = self.linear('R', np.stack(columns, axis=1))
+        rows = self._mechanism.rows(self._mechanism.state(self._q, self._t))
+        of_positions = [k for k in self._mechanism.kept if rows.residual[k] is not None]
+        R = self.linear('R', rows.J[of_positions])
         inverse = nonholonomic.inverse(R[:, dependent])
         positions[dependent] = self.linear('P', -(inverse @ R[:, independent]))
         return positions

@@ -155,7 +155,7 @@ def _atoms(expressions: Sequence[Any]) -> set[Any]:
     return atoms
 
 
-@cacheit
+@cacheit  # type: ignore[untyped-decorator]  # SymPy has no types
 def _simple_form(x: Any) -> Any:
     """Return a node as a sum or a product of simpler nodes, or unchanged."""
     if isinstance(x, sp.sin | sp.cos):

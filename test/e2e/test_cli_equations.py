@@ -20,10 +20,18 @@ def derived(name, *options):
     """Return mass matrix, bias, and partial velocities by body, as SymPy has them."""
     done = equations(name, '--json', *options)
     assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    return (sp.Matrix(answer['mass_matrix']), sp.Matrix(answer['bias_force']),
-            {body: sp.Matrix(table)
-             for body, table in answer['partial_velocities'].items()})
+    steps = json.loads(done.stdout)['steps']
+    last = steps["Kane's equations"]
+    n = sum(name.startswith('bias') for name in last)
+    M = sp.Matrix(n, n, lambda r, s: last[f'M{min(r, s) + 1}{max(r, s) + 1}'])
+    bias = sp.Matrix([last[f'bias{r + 1}'] for r in range(n)])
+    table = steps['Partial velocities']
+    partials = {}
+    for body in {name.partition(' of ')[2] for name in table}:
+        columns = [table[f'omega{r + 1} of {body}'] + table[f'v{r + 1} of {body}']
+                   for r in range(n)]
+        partials[body] = sp.Matrix(columns).T
+    return M, bias, partials
 
 
 def zero(matrix):
