@@ -72,13 +72,11 @@ def _with_auxiliary_joint(model: Model, name: str) -> Model:
     joint = Joint(name, kind, axis, coordinate=model.n)  # type: ignore[arg-type]
     bodies = [*model.bodies[:k], replace(carrier, inertial=Inertial(), name=name),
               Body(carrier.name, k, joint, carrier.inertial)]
-    for body in model.bodies[k + 1:]:
-        parent = body.parent + 1 if body.parent >= k else body.parent
-        bodies.append(replace(body, parent=parent))
-    frames = []
-    for frame in model.frames:
-        body_index = frame.body + 1 if frame.body >= k else frame.body
-        frames.append(replace(frame, body=body_index))
+
+    def carried(carrier: int) -> int:
+        return carrier + 1 if carrier >= k else carrier
+    bodies += [replace(body, parent=carried(body.parent)) for body in model.bodies[k + 1:]]
+    frames = [replace(frame, body=carried(frame.body)) for frame in model.frames]
     balls = tuple(ball + 1 if ball > k else ball for ball in model.balls)
     return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
                    coordinate_names=(*model.coordinate_names, name))

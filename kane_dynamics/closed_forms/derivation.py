@@ -233,9 +233,7 @@ class Derivation:
     @property
     def parameters(self) -> list[Parameter]:
         """Return the parameters that appear."""
-        used = self.symbols_of_equations
-        return [parameter for parameter in self._table.parameters.values()
-                if parameter.symbol in used]
+        return self._table.used(self.symbols_of_equations)
 
     @property
     def symbols_of_equations(self) -> set[Any]:

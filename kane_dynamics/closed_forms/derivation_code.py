@@ -15,14 +15,6 @@ LANGUAGES = ('python', 'c')
 POWERS_AS_PRODUCTS = create_expand_pow_optimization(3)
 
 
-def equations_of_motion(form: Derivation) -> dict[str, Any]:
-    """Return q', M and f of M u_I' = f, and the constraint forces, by name."""
-    results = {'qdot': form.qdot, 'M': form.M, 'f': form.right_side}
-    if form.auxiliary:
-        results['forces'] = sp.Matrix(list(form.auxiliary.values()))
-    return results
-
-
 class _C(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
     """C99 without integers that an int cannot hold."""
 
@@ -56,7 +48,9 @@ def as_code(form: Derivation, language: str) -> str:
 
     def write(expression: Any) -> str:
         return str(printer.doprint(POWERS_AS_PRODUCTS(expression)))
-    equations = equations_of_motion(form)
+    equations = {'qdot': form.qdot, 'M': form.M, 'f': form.right_side}
+    if form.auxiliary:
+        equations['forces'] = sp.Matrix(list(form.auxiliary.values()))
     shared, matrices = sp.cse(list(map(form.expanded, equations.values())), order='none')
     arguments = {'q': form.q, 'u': [form.u[r] for r in form.free], 'T': form.torques,
                  'wrench': form.wrench,

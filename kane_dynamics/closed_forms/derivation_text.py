@@ -11,7 +11,6 @@ from dataclasses import astuple
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from kane_dynamics.closed_forms.derivation_code import equations_of_motion
 from kane_dynamics.closed_forms.polynomials import operations
 from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
@@ -179,14 +178,16 @@ class Format(NamedTuple):
     words: Callable[[str], str] = str
 
 
-TEXT = Format('{0}: M(q) udot + bias(q, u) = tau\n', '{:6}{:12}{}', 'valid where {} > 0',
-              '\n{}. {}: {}', '{} = {}', str, _plain)
-MARKDOWN = Format('## {0}\n\n| symbol | value | meaning |\n|---|---|---|', '| {} | {} | {} |',
-                  '\nValid where ${} > 0$.', '\n### {}. {}\n\n{}\n', '${} = {}$\n',
-                  _latex_name, _latex)
-LATEX = Format('% {0}\n{{\\raggedright\\parindent0pt', '% {}  {}  {}', 'Valid where \\({} > 0\\).\n',
-               '\n\\paragraph{{{1}.}} {2}\n', '\\(\\displaystyle {} = {}\\)\n', _latex_name,
-               _latex_by_terms, r',\allowbreak\ ', _escaped)
+TEXT = Format(
+    '{}: M(q) udot + bias(q, u) = tau\n', '{:6}{:12}{}', 'valid where {} > 0',
+    '\n{}. {}: {}', '{} = {}', str, _plain)
+MARKDOWN = Format(
+    '## {}\n\n| symbol | value | meaning |\n|---|---|---|', '| {} | {} | {} |',
+    '\nValid where ${} > 0$.', '\n### {}. {}\n\n{}\n', '${} = {}$\n', _latex_name, _latex)
+LATEX = Format(
+    '% {}\n{{\\raggedright\\parindent0pt', '% {}  {}  {}', 'Valid where \\({} > 0\\).\n',
+    '\n\\paragraph{{{1}.}} {2}\n', '\\(\\displaystyle {} = {}\\)\n', _latex_name,
+    _latex_by_terms, r',\allowbreak\ ', _escaped)
 
 
 def _lines(form: Derivation, style: Format) -> list[str]:
@@ -257,13 +258,10 @@ def as_data(form: Derivation, compiled: Counts | None = None) -> Any:
 
 def operation_counts(form: Derivation, compiled: Counts | None) -> dict[str, int]:
     """Return operations of M and bias: as derived, in closed form, and of kernels."""
-    counts = {'mass_matrix and bias_force, as derived': form.operations_before}
     results = {'mass_matrix': form.M, 'bias_force': form.bias}
+    counts = {'mass_matrix and bias_force, as derived': form.operations_before}
     for name, matrix in results.items():
         counts[f'{name}, closed form'] = operations(list(form.expanded(matrix)))
         if compiled is not None:
             counts[f'{name}, compiled'] = sum(astuple(compiled[name]))
-    everything = [form.expanded(x) for x in equations_of_motion(form).values()]
-    counts['all, closed form'] = operations(list(sp.Matrix.vstack(*(
-        matrix.reshape(len(matrix), 1) for matrix in everything))))
     return counts

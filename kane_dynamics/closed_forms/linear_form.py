@@ -15,8 +15,8 @@ from typing import Any
 from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics.analysis.linearization import admitted, Linearization
 from kane_dynamics.closed_forms.polynomials import shortened
-from kane_dynamics.closed_forms.symbolic import (as_matrix, as_scalars, Parameter, ParameterSymbols,
-                                                 scalar, symbolic_mechanism)
+from kane_dynamics.closed_forms.symbolic import (
+    as_matrix, as_scalars, Parameter, ParameterSymbols, scalar, symbolic_mechanism)
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.friction import refuse_load_friction
@@ -148,9 +148,7 @@ def linear_form(robot: Robot, q: Any = None, u: Any = None, *, numbers: bool = F
         matrices.append(sp.Matrix.hstack(sp.zeros(len(independent), 0), *rows))
     matrices.append(as_matrix(positions))
     used = set().union(*(matrix.free_symbols for matrix in matrices))
-    parameters = [parameter for parameters in (nominal, table)
-                  for parameter in parameters.parameters.values()
-                  if parameter.symbol in used]
+    parameters = [*nominal.used(used), *table.used(used)]
     names = [model.joint_names[k] for k in independent]
     names += [f'rate of {name}' for name in robot.speed_names]
     return LinearForm(names=tuple(names), parameters=parameters,

@@ -6,6 +6,7 @@ for mechanisms with oblique axes. Here each node of the expression is converted 
 polynomial of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -72,18 +73,15 @@ class Polynomials:
 
     def by(self, polynomial: Any, variables: Iterable[Any]) -> dict[Any, Any]:
         """Return the coefficients of a polynomial in some generators, by monomial."""
-        places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
-        coefficients: dict[Any, Any] = {}
+        places = {self.ring.symbols.index(x) for x in variables if x in self.generators}
+        coefficients: dict[Any, Any] = defaultdict(self.ring.zero.copy)
         # Each term belongs to the monomial of its powers in these variables.
         for powers, coefficient in polynomial.terms():
-            remaining = list(powers)
-            monomial = sp.Integer(1)
-            for k in places:
-                remaining[k] = 0
-                monomial *= self.ring.symbols[k]**powers[k]
-            part = coefficients.setdefault(monomial, self.ring.zero)
-            part[tuple(remaining)] = coefficient
-        return coefficients
+            monomial = tuple(p if k in places else 0 for k, p in enumerate(powers))
+            quotient = self.ring.monomial_ldiv(powers, monomial)
+            coefficients[monomial][quotient] = coefficient
+        return {self.ring({monomial: 1}).as_expr(): part
+                for monomial, part in coefficients.items()}
 
     def _expanded(self, expression: Any) -> Any:
         """Return the polynomial of a number, a generator, a sum, a power or a product."""

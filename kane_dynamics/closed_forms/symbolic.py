@@ -182,6 +182,10 @@ class ParameterSymbols:
         signed = symbol if value > 0.0 else -symbol
         return Symbolic(signed)
 
+    def used(self, symbols: Any) -> list[Parameter]:
+        """Return the parameters that are among some symbols."""
+        return [p for p in self.parameters.values() if p.symbol in symbols]
+
     def vector(self, name: str, values: Any, unit: str, meaning: str) -> Any:
         """Return a vector; the names of several nonzero components contain the axis."""
         has_several = np.count_nonzero(values) > 1

@@ -105,4 +105,3 @@ def forces_by_variations(model: Any, q: Any, qdot: Any, qddot: Any, variations: 
     principle = HamiltonByVariations()
     return {'inertia': short(principle.inertia_force(motion, variations)),
             'gravity and springs': short(principle.conservative_force(motion, variations))}
-
