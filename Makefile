@@ -126,7 +126,7 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
   node_beside_moveit.py node_closed_loops.py node_constraints.py \
   node_contact.py node_doctor.py \
   node_false_states.py node_faults.py node_feedforward.py node_filled_closed_loops.py \
-  node_flexible.py node_flexible_loops.py node_guard.py node_guard_payload.py \
+  node_flexible.py node_flexible_loops.py node_guard.py node_guard_failures.py node_guard_payload.py \
   node_in_a_system.py node_independent.py node_joint_trajectory_action.py node_lifecycle.py \
   node_loads.py node_loads_at_start.py \
   node_monitor.py node_native_path.py node_plant.py node_predictive_control.py \

@@ -1,10 +1,7 @@
 """Impedance and hand guiding over DDS: a seven-axis arm led, pushed and handed over."""
 
-import os
-import signal
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from guard_rig import largest_step, mujoco_arm, PLANT_ARM, Rig, turns
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.kinematics.poses import rotation_quaternion
@@ -262,30 +259,3 @@ def test_stiffness_changes_live(arm):
     arm.load(np.zeros(3))
     answer = arm.client.adjust(cartesian__stiffness=[-1.0] * 6)
     assert not answer.successful and 'cartesian.stiffness' in answer.reason
-
-
-@pytest.mark.parametrize('mujoco', [False, True], ids=['plant_node', 'MuJoCo'])
-@pytest.mark.parametrize('mode', ['joint_impedance', 'cartesian_impedance'])
-def test_the_guard_takes_over_and_hands_back_without_a_step(tmp_path, mode, mujoco):
-    """The node hangs; it then goes on from the guard's torques, in place."""
-    rig = Rig(tmp_path, mujoco_arm() if mujoco else PLANT_ARM, mujoco=mujoco, mode=mode,
-              cartesian__frame='fr3_hand' if mujoco else 'c')
-    try:
-        rig.wait()
-        recorder = rig.recorder
-        failed = rig.fail(signal.SIGSTOP)
-        recorder.spin(0.6)
-        assert [command for command in recorder.of('guard')
-                if command.time >= failed], rig.logs()
-        os.kill(rig.node.pid, signal.SIGCONT)
-        count = len(recorder.of('node'))
-        recorder.spin_until(lambda: len(recorder.of('node')) > count + 200, 60.0)
-        voices = turns([command for command in recorder.commands
-                        if command.time >= failed - 10_000_000])
-        assert voices[:3] == ['node', 'guard', 'node'], voices
-        assert largest_step(recorder.commands, rig.arm.rate) <= 1.01
-        # It holds the arm again.
-        speeds = np.array([u for _, _, u in recorder.states[-20:]])
-        assert np.abs(speeds).max() < 0.2, rig.logs()
-    finally:
-        rig.close()

@@ -27,6 +27,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 PERIOD = 0.002  # s, of the plant
 DAMPING = 20.0  # 1/s
+REACTION = 0.020  # s, of the guard at most
+SAG = 0.5  # degrees, at most
+HELD = 0.6  # s for which the guard holds the arm
 NODE = 'kane_dynamics.ros.dynamics_node.main'
 
 
@@ -326,3 +329,43 @@ def turns(commands):
     ordered = sorted(commands, key=lambda each: each.stamp)
     return [each.source for k, each in enumerate(ordered)
             if k == 0 or ordered[k - 1].source != each.source]
+
+
+def trial(rig, number):
+    """Let the node fail in motion and return; return reaction, sag, step, commanders."""
+    # A stall of the machine while the arm starts is not what is tried.
+    for _ in range(10):
+        rig.move()
+        if rig.moving():
+            break
+    assert rig.moving(), rig.logs()
+    recorder = rig.recorder
+    failed = rig.fail(number)
+    recorder.spin(HELD)
+    # The machine may have stalled the node before, too.
+    guard = [command for command in recorder.of('guard') if command.time >= failed]
+    assert guard, rig.logs()
+    # A message that blocks the main thread arrives after some commands.
+    began = max(failed, max(command.stamp for command in recorder.of('node')
+                            if command.stamp <= guard[0].stamp))
+    reaction = (guard[0].time - failed) * 1e-9
+    far = sag(rig, began, guard[0].stamp)
+    held = recorder.states[-1][1]
+    n = len(recorder.of('node'))
+    recorder.spin(0.1)
+    drift = float(np.degrees(np.abs(recorder.states[-1][1] - held).max()))
+    if number == signal.SIGKILL:
+        rig.node.end(signal.SIGKILL)
+        rig.start_node()
+    elif number == signal.SIGSTOP:
+        os.kill(rig.node.pid, signal.SIGCONT)
+    recorder.spin_until(lambda: len(recorder.of('node')) > n + 50, 90.0)
+    return (reaction, far + drift, largest_step(recorder.commands, rig.arm.rate),
+            turns([command for command in recorder.commands
+                   if command.time >= failed - PERIOD * 1e9]))
+
+
+def took_over_in_time(reaction, far, step, voices):
+    """Return whether the guard took over in time, and gave back without a step."""
+    return (reaction <= REACTION and far <= SAG and step <= 1.01
+            and voices[:3] == ['node', 'guard', 'node'])
