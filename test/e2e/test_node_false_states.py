@@ -200,7 +200,7 @@ def test_no_false_state_moves_an_arm_of_mujoco(client, start, tmp_path):
         arm.node.wait_for('active, mode', 120.0)
         # A reset would be a jump, which an active node refuses: the servo ends where it
         # holds.
-        assert client.call(SetBool, '/plant_node/servo', data=False).success
+        assert client.call(SetBool, '/plant/servo', data=False).success
         arm.wait()
         assert wait_until(lambda: rests(arm), 10.0)
         arm.check_each([

@@ -9,7 +9,7 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics import Controller, load_urdf, Robot
-from kane_dynamics.demo.demo_settings import FR3
+from kane_dynamics.demo.demo_settings import FR3, PLANT
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 from node_process import DEEP, JOINTS, NAME, prefer, Process, TORQUE_PATH, URDF
@@ -197,7 +197,7 @@ class Rig:
                             and recorder.motions.get_subscription_count() > 0, 90.0)
         # Switch the servo off that held the arm; a reset would be a jump.
         if self._mujoco:
-            client = recorder.create_client(SetBool, '/plant_node/servo')
+            client = recorder.create_client(SetBool, f'{PLANT}/servo')
             recorder.spin_until(client.service_is_ready)
             future = client.call_async(SetBool.Request(data=False))
             recorder.spin_until(future.done)
