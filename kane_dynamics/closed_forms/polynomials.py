@@ -90,7 +90,10 @@ class Polynomials:
         if expression in self.generators:
             return self.generators[expression]
         if expression.is_Add:
-            return self._bounded(sum(map(self.of, expression.args), self.ring.zero))
+            result = self.ring.zero
+            for part in expression.args:
+                result = self._bounded(result + self.of(part))
+            return result
         if expression.is_Pow and expression.exp.is_negative:
             factors = [self.generators[1 / expression.base]] * int(-expression.exp)
         elif expression.is_Pow:
@@ -112,7 +115,9 @@ class Polynomials:
     def _lowered(self, polynomial: Any) -> Any:
         """Return a polynomial with the monomials of all rules replaced."""
         for monomial, replacement in self._rules:
-            while True:
+            places = [k for k, power in enumerate(monomial) if power]
+            while any(all(powers[k] >= monomial[k] for k in places)
+                      for powers in polynomial):
                 unchanged = self.ring.zero
                 quotients = self.ring.zero
                 for powers, coefficient in polynomial.items():
@@ -121,8 +126,6 @@ class Polynomials:
                         unchanged[powers] = coefficient
                     else:
                         quotients[quotient] = coefficient
-                if not quotients:
-                    break
                 polynomial = unchanged + quotients * replacement
         return polynomial
 
