@@ -189,9 +189,9 @@ class TorquePath:
         commanded = commanded_joints(robot, controller.followed)
         self.form = CommandForm(robot, commanded, values)
         self._pose: Array | None = None  # that a drive holds without a motion
-        # Torque of the drives with the last command, feedback included, and its stamp, ns;
-        # None where the rate limit counts from the torque of the path.
-        self._drive: tuple[Array, int] | None = None
+        # Torque of the drives with the last command, feedback included, its stamp and the
+        # period of the states by then, ns; None where the rate limit counts from the torque of the path.
+        self._drive: tuple[Array, int, float] | None = None
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
                                         stamped, self.form.interfaces)
         self._follow = list(map(robot.joint_names.index, controller.followed))
@@ -745,16 +745,18 @@ class TorquePath:
                 desired = self._pose, np.zeros_like(q)
         else:
             self._pose = None
-        # The rate limit counts from the last torque of the drives, with their feedback.
-        last, since = self._drive or (tau, stamp)
-        elapsed = min(max(stamp - since, 0) / NANO, 2.0 * live.entries[PERIOD] / NANO)
+        # The rate limit counts from the last torque of the drives, with their feedback, over
+        # at most two periods of the states before this one.
+        last, since, period = self._drive or (tau, stamp, 0.0)
+        elapsed = min(max(stamp - since, 0), 2.0 * period) / NANO
         rate = of_commanded(self.controller.rate_limit)
         is_limited = np.isfinite(rate)
         change = np.where(is_limited, np.where(is_limited, rate, 0.0) * elapsed, np.inf)
         limit = of_commanded(self.controller.effort_limit)
         command, torque = form.numbers(tau, Reference(
             q, u, limit, last - change, last + change, desired, stop_speed), acting=acting)
-        self._drive = (torque, stamp) if acting else None
+        period = float(live.entries[PERIOD])
+        self._drive = (torque, stamp, period) if acting else None
         return command, torque
 
     @property

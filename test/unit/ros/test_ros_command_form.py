@@ -222,14 +222,15 @@ def shown_torque(loop):
 
 
 @pytest.mark.parametrize('form', ['position_offset', 'mit'])
-@pytest.mark.parametrize('event', ['motion begins off the arm', 'mode changes', 'guard'])
+@pytest.mark.parametrize('event', ['motion begins off the arm', 'silence',
+                                   'mode changes', 'guard'])
 def test_the_torque_of_a_drive_stays_within_the_rate_limit(form, event):
     loop = Loop(form)
     loop.run(0.5)
     path = loop.path
     rate = path.controller.rate_limit
     before = shown_torque(loop)
-    if event == 'motion begins off the arm':
+    if event in ('motion begins off the arm', 'silence'):
         points = [START + 0.5, START + 0.6]
         motion = Motion.from_points([0.0, 2.0], points, joint_names=MODEL.joint_names)
         active = path.active_motion
@@ -245,7 +246,10 @@ def test_the_torque_of_a_drive_stays_within_the_rate_limit(form, event):
         path._note_drop(path._memory.path, path._memory.path._replace(
             drops=path._memory.path.drops + 1.0, dropped_by=float(cycle_rules.BY_GUARD)),
             loop.time)
-    for _ in range(30):
+    for k in range(30):
+        if event == 'silence' and k == 3:  # no state for 40 ms, while the torque grows
+            loop.time += 40 * NANO // 1000
+            list(loop.plant.tick(loop.time))
         loop.run(0.002)
         after = shown_torque(loop)
         assert (np.abs(after - before) <= rate * 0.004 * (1.0 + 1e-6) + 1e-9).all()

@@ -3,6 +3,7 @@
 from functools import partial
 import math
 import time
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -110,6 +111,18 @@ def test_the_motion_is_sampled_at_the_stamp_of_the_state():
     rig.follow(rig.time)
     expected = ROBOT.inverse_dynamics(*MOTION.sample(0.73))
     np.testing.assert_allclose(rig.state(after=0.75, age=0.02), expected, rtol=1e-12)
+
+
+def test_a_state_from_the_future_gets_the_torque_and_the_observation_of_the_clock():
+    rig = Rig()
+    observer = Mock()
+    rig.path.add_observer(observer, need_effort=False)
+    rig.follow(rig.time)
+    command = rig.state(after=0.75, age=-0.05)
+    np.testing.assert_allclose(command, ROBOT.inverse_dynamics(*MOTION.sample(0.75)),
+                               rtol=1e-12)
+    assert observer.on_cycle.call_args[0][0].stamp == rig.time
+    assert rig.path.state_age == 0.0
 
 
 @pytest.mark.parametrize('prefix', ['', 'left_'])
