@@ -190,7 +190,8 @@ class TorquePath:
         self.form = CommandForm(robot, commanded, values)
         self._pose: Array | None = None  # that a drive holds without a motion
         # Torque of the drives with the last command, feedback included, its stamp and the
-        # period of the states by then, ns; None where the rate limit counts from the torque of the path.
+        # period of the states by then, ns; None where the rate limit counts from the torque
+        # of the path.
         self._drive: tuple[Array, int, float] | None = None
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
                                         stamped, self.form.interfaces)
