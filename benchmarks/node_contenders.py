@@ -18,7 +18,7 @@ import subprocess
 import sys
 import threading
 
-from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
+from kane_dynamics.demo.demo_settings import DemoRobot, FR3
 from kane_dynamics_interfaces.srv import Simulate
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -29,6 +29,10 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+from moved_palletizer import PALLETIZER  # noqa: E402, I100
+
+ROBOTS = {'fr3': FR3, 'palletizer': PALLETIZER}
 SHORT = 0.5  # s: before the falling palletizer comes to a dead point
 OURS = 'node'
 DEFAULT = 'echo, default executor'

@@ -33,10 +33,10 @@ import time
 from typing import IO
 
 from gates import exit_status, NO_GATES
-from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
+from kane_dynamics.demo.demo_settings import DemoRobot
 from kane_dynamics.ros.parameters.parameter_table import LAW_MODES
 from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, EVENTS,
-                             IN_C, NAMESPACES, OURS, REALTIME, RELIABLE)
+                             IN_C, NAMESPACES, OURS, REALTIME, RELIABLE, ROBOTS)
 import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -46,6 +46,7 @@ from std_msgs.msg import Float64MultiArray
 
 PALLETIZER = 'palletizer'
 NATIVE = 'native'
+FRAMES = {'fr3': 'fr3_hand', PALLETIZER: 'tool'}
 IDLE = 'idle'
 BUSY = 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
@@ -215,7 +216,7 @@ def main(*arguments: str, samples: int = 2500, tail: int = 0) -> int:
     settings += ['-p', f'torque_path:={NATIVE if NATIVE in arguments else "python"}']
     for mode in set(arguments) & set(LAW_MODES):
         settings += ['-p', f'mode:={mode}', '-p',
-                     f'cartesian.frame:={ROBOTS[robot].frame}']
+                     f'cartesian.frame:={FRAMES[robot]}']
     with contenders(robot, names[1:], *settings) as loader:
         assert loader.stdin is not None
         assert loader.stdout is not None

@@ -18,8 +18,8 @@ import sys
 from elastic_joints import arms, HOME, JOINTS, URDF
 from kane_dynamics import Motion, MotorSideControl, natural_vibration, Robot, with_drives
 from kane_dynamics.control.elastic_control import MotorCommand
-from kane_dynamics.demo.two_mass_arm import TwoMassArm
 import numpy as np
+from two_mass_arm import TwoMassArm
 
 # s
 DURATION = 0.5

@@ -2,6 +2,7 @@
 
 import ast
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 import subprocess
 import sys
@@ -276,3 +277,25 @@ def test_cache_keys_know_the_rooms_of_the_table():
     applications = {*rooms[first_law:], *APPLICATIONS.split('\nplot')[0].split()}
     assert applications == disk_cache.APPLICATIONS
     assert {'plot', 'view', *PROGRAMS.split()} == disk_cache.PROGRAMS
+
+
+@pytest.mark.parametrize('folder', ['benchmarks', 'docs', 'examples', 'tools'])
+def test_programs_of_the_repository_import_names_that_exist(folder):
+    missing = []
+    for path in sorted((PACKAGE.parent / folder).glob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text())):
+            module = getattr(node, 'module', None) or ''
+            if module.split('.')[0] != PACKAGE.name:
+                continue
+            try:
+                names = dir(import_module(module))
+            except ImportError as error:
+                # A peer or ROS may be absent, but not a module of ours.
+                if (error.name or '').split('.')[0] == PACKAGE.name:
+                    missing.append(f'{path.name}: {module}')
+                continue
+            place = PACKAGE.parent / module.replace('.', '/')
+            missing += [f'{path.name}: {module}.{alias.name}' for alias in node.names
+                        if alias.name not in names
+                        and not (place / f'{alias.name}.py').exists()]
+    assert not missing
