@@ -17,7 +17,7 @@ equations = ['sympy>=1.12']
 # Least squares and filters; physical consistency, a semidefinite program; one thread for
 # small matrices, on which several spend many times the processor time of the work. Bags
 # are read without ROS.
-identify = ['scipy>=1.11', 'threadpoolctl>=3.5', 'rosbags>=0.10']
+identify = ['scipy>=1.11', 'clarabel>=0.9', 'threadpoolctl>=3.5', 'rosbags>=0.10']
 # Tables; workers elsewhere.
 sweep = ['pyarrow>=14']
 casadi = ['casadi>=3.6.7']

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.checks import finite_row, instance
+from kane_dynamics._util.checks import finite_row, instance, number
 from kane_dynamics.analysis.linearization import admitted, Linearization
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (
@@ -125,6 +125,7 @@ def linear_form(robot: Robot, q: Any = None, u: Any = None, *, numbers: bool = F
         refuse_load_friction(model, label)
     q = robot.neutral() if q is None else finite_row(q, 'q', robot.coordinate_names)
     u = np.zeros(robot.n) if u is None else finite_row(u, 'u', robot.speed_names)
+    t = number(t, 't', 'a finite number, s', np.isfinite)
     table = ParameterSymbols(numbers)
     mechanism = symbolic_mechanism(robot.mechanism, table)
     # The motion is always of symbols.

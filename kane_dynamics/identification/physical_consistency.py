@@ -1,5 +1,5 @@
 """
-Physically consistent inertial parameters, by an interior point method.
+Physically consistent inertial parameters by semidefinite programming.
 
 A body's parameters are physical if and only if its pseudo-inertia P is positive
 semidefinite (Wensing, Kim & Slotine, RA-L 3 (2018)). Parameters that are not
@@ -7,10 +7,11 @@ identifiable are determined by the distance from the initial model: with P0 = L 
 = L (1 + Z) L^T the distance is |Z|^2, the second-order term of the Riemannian distance
 between P and P0, which is independent of frame and units (Lee, Wensing & Park, IEEE T-RO
 36 (2020)). Z also scales the program: 1 + Z >= 0. If the unconstrained minimum satisfies
-this, least squares with bounds on friction are enough; a barrier keeps to the cone otherwise.
+this, least squares with bounds on friction are enough.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -19,19 +20,17 @@ from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import Inertial
 import numpy as np
-from numpy.typing import NDArray
 
 SMALLEST = 1e-4  # lower bound of the eigenvalues of 1 + Z
 FLOOR = 1e-6  # lower bound of P0's eigenvalues, relative to the largest, for thin bodies
+REGULARIZATION = 1e-12  # of Clarabel's linear systems; its 1e-8 hides a prior of small weight
+# Shares of the way to the boundary of the cones that a step of the solver takes. With its
+# own 0.99 it may stall just before the optimum if data and prior differ much in weight.
+STEPS = (0.99, 0.9, 0.7)
 COMBINED = 1e-13  # of a column's length: the rounding of a combination of the columns before it
-TINY = 1e-300
-FIRST_BARRIER, FALL = 10.0, 0.03  # relative to the mean square of the right side; a step
-LAST_BARRIER, ROUNDING = 1e-5, 1e-24  # in squares of standard deviations; of all squares
-TO_BOUND = 0.7  # share of the way to a bound that a step takes
-EDGE = 1e-13  # least eigenvalue of M: nearer to the cone's edge is rounding
-MOST_STEPS = 200
 MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
+# Its order is that of semidefinite matrices in Clarabel: the lower triangle, row by row.
 SYMMETRIC = np.zeros((10, 4, 4))
 for _k, (_r, _s) in enumerate(zip(*np.tril_indices(4), strict=True)):
     SYMMETRIC[_k, _r, _s] = SYMMETRIC[_k, _s,
@@ -75,7 +74,7 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     Raises
     ------
     InputError
-        If the search finds no optimum.
+        If the solver finds no optimum; the message contains its status.
 
     """
     size = 10 * len(prior)
@@ -99,7 +98,9 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weigh
     # is solved.
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
-        x = _inside(R, len(prior), lowest, weight)
+        x = _nearest(R, len(prior), lowest)
+    if x is None:
+        x = _constrained(R, len(prior), lowest, weight)
     for k, change in enumerate(changes):
         start[10 * k:10 * k + 10] += change @ x[10 * k:10 * k + 10]
     return np.concatenate([start, np.maximum(x[size:], lowest)])
@@ -110,7 +111,9 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     Return the minimum without constraints on the bodies; None if a body is not physical.
 
     The columns of R are those of Z, body by body, of the losses with bounds `lowest`,
-    and the right-hand side. The problem is convex: a physical minimum is the solution.
+    and the right-hand side. The problem is convex: a physical minimum is the solution,
+    and more accurate than that of an interior point method, which stops early if data
+    and prior differ much in weight.
     """
     # Columns of equal length: their units differ by orders of magnitude.
     lengths = np.linalg.norm(R[:, :-1], axis=0)
@@ -125,85 +128,104 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     return x if solution.success and smallest >= SMALLEST else None
 
 
-def _inside(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
+def _nearest(R: Array, bodies: int, lowest: Array) -> Array | None:
     """
-    Return the minimum by an interior point method; arguments as in `_unconstrained`.
+    Return the minimum by semidefinite programming in units of its own deviations.
 
-    `weight`, that of the prior in R, is named in the error. The cost has barriers, for M = 1
-    + Z - SMALLEST of each body and the distance s of each loss from its bound,
-
-        |R x - z|^2 / 2 - m (sum log det M + sum log s),
-
-    of a factor m that falls to zero. With M = L L^T, a step of Newton's method is the least
-    squares of R and of rows m^(1/2) L^-1 dZ L^-T = m^(1/2) and m^(1/2) ds / s = m^(1/2), so
-    that nothing is squared (Boyd & Vandenberghe, Convex Optimization (2004), chapter 11).
+    With the minimum x0 without constraints, the cost of x = x0 + R_x^-1 w is |w|^2 and a
+    constant: the program is of size 1 in every direction, however much data and prior
+    differ in weight. None where the solver does not find it, as where x0 is far away.
     """
-    solve = scientific('scipy.linalg').lstsq
+    clarabel = scientific('clarabel')
+    sparse = scientific('scipy.sparse')
+    solve_triangular = scientific('scipy.linalg').solve_triangular
+    count = R.shape[1] - 1
     size = 10 * bodies
-    independent = _independent(R, size, lowest)
-    A, z, lowest = R[:, independent], R[:, -1], lowest[independent[size:] - size]
-    count = len(independent)
-    # Losses in units in which their columns have the length 1.
-    unit = np.ones(count)
-    unit[size:] = np.linalg.norm(A[:, size:], axis=0)
-    A = A / unit
-    bounded = size + np.flatnonzero(np.isfinite(lowest))
-    bounds = lowest[bounded - size] * unit[bounded]
-    squares = float(z @ z)
-    x = np.zeros(count)
-    x[bounded] = bounds + np.sqrt(squares / len(R)) + TINY
-    barrier = FIRST_BARRIER * squares / len(R)
-    last = max(LAST_BARRIER, ROUNDING * squares)
-    target = np.concatenate([np.tile(np.trace(SYMMETRIC, axis1=1, axis2=2), bodies),
-                             np.ones(len(bounded))])
-    for _ in range(MOST_STEPS):
-        rows = np.zeros((size + len(bounded), count))
-        Z = np.tensordot(x[:size].reshape(-1, 10), SYMMETRIC, axes=1)
-        M = Z + (1.0 - SMALLEST) * np.eye(4)
-        if np.linalg.eigvalsh(M).min() < EDGE:
-            break
-        inverses = np.linalg.inv(np.linalg.cholesky(M))
-        for k, inverse in enumerate(inverses):
-            changes = inverse @ SYMMETRIC @ inverse.T
-            block = slice(10 * k, 10 * k + 10)
-            rows[block, block] = np.tensordot(SYMMETRIC, changes, axes=([1, 2], [1, 2]))
-        rows[size + np.arange(len(bounded)), bounded] = 1.0 / (x[bounded] - bounds)
-        R_step = triangle(np.vstack([np.column_stack([A, z - A @ x]),
-                                     np.sqrt(barrier) * np.column_stack([rows, target])]))
-        step = solve(R_step[:, :-1], R_step[:, -1], lapack_driver='gelsy')[0]
-        # The largest share of the step that stays inside of all bounds.
-        relative = rows @ step
-        change = np.tensordot(relative[:size].reshape(-1, 10), SYMMETRIC, axes=1)
-        least = min(float(np.linalg.eigvalsh(change).min()),
-                    float(relative[size:].min(initial=0.0)))
-        share = min(1.0, TO_BOUND / max(-least, TINY))
-        x = x + share * step
-        if share == 1.0:
-            if barrier <= last:
-                break
-            barrier = max(FALL * barrier, last)
-    else:
-        raise InputError(f'weight: {weight:.3g} of the prior, with which the search for '
-                         f'physical parameters takes more than {MOST_STEPS} steps; expected '
-                         'a larger weight')
-    solution = np.zeros(R.shape[1] - 1)
-    solution[independent] = x / unit
-    return solution
-
-
-def _independent(R: Array, size: int, lowest: Array) -> NDArray[np.intp]:
-    """
-    Return the columns of bodies, and of losses that are no combination of others before them.
-
-    Offsets come first: friction of a joint that moves one way looks like them.
-    """
+    # A loss whose column is a combination of those before it is zero. Offsets come first:
+    # friction of a joint that moves one way looks like them, and is at its bound then.
     bounds = np.concatenate([np.full(size, -np.inf), lowest])
     order = np.argsort(np.isfinite(bounds), kind='stable')
-    distance = np.zeros(len(order))
-    diagonal = np.abs(np.diag(triangle(R[:, order])))
-    distance[order[:len(diagonal)]] = diagonal
-    distance[:size] = np.inf
-    return np.flatnonzero(distance > COMBINED * np.linalg.norm(R[:, :-1], axis=0))
+    bounds = bounds[order]
+    R = triangle(R[:, [*order, count]])
+    lengths = np.linalg.norm(R[:, :count], axis=0)
+    lengths[lengths == 0.0] = 1.0
+    diagonal = np.zeros(count)
+    diagonal[:len(R)] = np.diag(R)[:count]
+    combined = np.abs(diagonal) <= COMBINED * lengths
+    combined[:size] = False
+    R = triangle(np.vstack([R, np.diag([*lengths, 1.0])[np.flatnonzero(combined)]]))
+    x0 = solve_triangular(R[:count, :count], R[:count, -1])
+    root = solve_triangular(R[:count, :count], np.eye(count))
+
+    # Bounds of losses, then 1 + Z of each body: SMALLEST is its least eigenvalue.
+    bounded = np.isfinite(bounds)
+    identity = np.tile([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC], bodies)
+    by_w = np.concatenate([root[bounded], root[:size]])
+    above = np.concatenate([x0[bounded] - bounds[bounded], x0[:size] + identity])
+    cones = [clarabel.NonnegativeConeT(int(bounded.sum())),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
+    w, _ = _minimum(sparse.eye(count, format='csc'), sparse.csc_matrix(-by_w), above, cones)
+    if w is None:
+        return None
+    x = np.empty(count)
+    x[order] = x0 + root @ w
+    return x
+
+
+def _constrained(R: Array, bodies: int, lowest: Array, weight: float) -> Array:
+    """
+    Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
+
+    `weight`, that of the prior in R, is named in the error. The variables are Z, the
+    losses and the residual r = R x - z; s = b - A x lies in the cones. The basis of Z is
+    that of semidefinite matrices in Clarabel.
+    """
+    clarabel = scientific('clarabel')
+    sparse = scientific('scipy.sparse')
+    rows = len(R)
+    count = R.shape[1] - 1
+    size = 10 * bodies
+    # Columns and right side of unit size, for the solver's tolerances.
+    R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
+    scale = np.ones(count)
+    scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
+    by_x = R[:, :-1] / scale
+    bounded = size + np.flatnonzero(np.isfinite(lowest))
+    # Minimise |y|^2 / 2 with the equations y = R x - r, bounds of losses, and a positive
+    # semidefinite pseudo-inertia of each body.
+    A = sparse.bmat([[by_x, -sparse.eye(rows)],
+                     [-sparse.eye(count, format='csr')[bounded], None],
+                     [-sparse.eye(size, count), None]], format='csc')
+    # SMALLEST of the prior's size is the least eigenvalue.
+    identity = np.array([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC])
+    above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
+                          format='csc')
+    x, status = _minimum(P, A, above, cones)
+    if x is None:
+        raise InputError(
+            f'weight: {weight:.3g} of the prior, with which the search for physical '
+            f"parameters ends with the solver's status {status}; expected a larger weight")
+    return np.asarray(x[:count]) / scale
+
+
+def _minimum(P: Any, A: Any, above: Array, cones: Sequence[Any]
+             ) -> tuple[Array | None, str]:
+    """Return the x of the least x^T P x / 2 with above - A x in the cones, and the status."""
+    clarabel = scientific('clarabel')
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.static_regularization_constant = REGULARIZATION
+    for step in STEPS:
+        settings.max_step_fraction = step
+        solver = clarabel.DefaultSolver(P, np.zeros(A.shape[1]), A, above, cones, settings)
+        solution = solver.solve()
+        status = str(solution.status)
+        if status == 'Solved':
+            return np.asarray(solution.x), status
+    return None, status
 
 
 def _root(P: Array) -> Array:
