@@ -4,7 +4,9 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
+import clarabel
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
                            Robot)
 from kane_dynamics.identification import (base_parameters, identify,
@@ -222,20 +224,46 @@ def equations(data):
     return A / 0.5, b / 0.5
 
 
-def test_the_search_inside_of_the_cone_ends_at_a_physical_minimum_of_least_squares(
-        monkeypatch):
+def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     A, b = equations(rows(inaccurate_arm(), noisy().rows(slice(0, 400))))
     prior = [body.inertial for body in inaccurate_arm().bodies]
     direct = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
-    monkeypatch.setattr(physical_consistency, '_unconstrained', lambda *_: None)
-    inside = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
-    misses = [np.linalg.norm(A @ x - b) for x in (direct, inside)]
+    for name in ('_unconstrained', '_nearest'):
+        monkeypatch.setattr(physical_consistency, name, lambda *_: None)
+    program = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
+    misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)
-    assert np.abs(direct - inside).max() < 1e-3 * np.abs(direct).max()
-    assert not np.array_equal(direct, inside)
-    monkeypatch.setattr(physical_consistency, 'MOST_STEPS', 3)
-    with pytest.raises(InputError, match=r'^weight: 100 .*; expected a larger weight'):
-        physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
+    assert np.abs(direct - program).max() < 1e-3 * np.abs(direct).max()
+    assert not np.array_equal(direct, program)
+
+
+@pytest.mark.parametrize('stalls', [1, 2, 3])
+def test_a_program_that_stalls_is_solved_with_shorter_steps_or_refused(
+        stalls, monkeypatch):
+    A, b = equations(rows(inaccurate_arm(), noisy().rows(slice(0, 400))))
+    prior = [body.inertial for body in inaccurate_arm().bodies]
+    program = A, b, prior, np.tile(LOWEST, 6), 100.0
+    for name in ('_unconstrained', '_nearest'):
+        monkeypatch.setattr(physical_consistency, name, lambda *_: None)
+    expected = physical(*program)
+    shares = []
+    solver = clarabel.DefaultSolver
+
+    def stalling(*arguments):
+        shares.append(arguments[-1].max_step_fraction)
+        if len(shares) <= stalls:
+            return SimpleNamespace(solve=lambda: SimpleNamespace(status='AlmostSolved'))
+        return solver(*arguments)
+    monkeypatch.setattr(clarabel, 'DefaultSolver', stalling)
+    if stalls < 3:
+        x = physical(*program)
+        assert np.linalg.norm(A @ x - b) == pytest.approx(
+            np.linalg.norm(A @ expected - b), rel=1e-6)
+    else:
+        with pytest.raises(InputError,
+                           match=r'^weight: 100 .*AlmostSolved; expected a larger'):
+            physical(*program)
+    assert shares == sorted(shares, reverse=True) and len(shares) == min(stalls + 1, 3)
 
 
 @pytest.mark.slow
