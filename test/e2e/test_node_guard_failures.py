@@ -1,4 +1,4 @@
-"""A hundred failures in motion, and failures in the task modes: each case has its rig."""
+"""A hundred failures in motion, and failures in the task modes: a rig for each case."""
 
 import os
 import signal

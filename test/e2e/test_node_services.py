@@ -4,7 +4,7 @@ import math
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
-from kane_dynamics import ComputedTorque, load_contacts, Motion, Robot, simulate
+from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
                                           Simulate)
@@ -48,7 +48,8 @@ def positions(trajectory):
 
 
 def test_one_node_has_all_services_topics_and_actions(node):
-    assert node.get_node_names().count('kane_dynamics') == 1
+    # A killed node of an earlier test is listed for 20 s.
+    assert wait_until(lambda: node.get_node_names().count('kane_dynamics') == 1, 30.0)
     assert 'kane_dynamics_services' not in node.get_node_names()
     of_node = 'kane_dynamics', '/'
     services = dict(node.get_service_names_and_types_by_node(*of_node))
@@ -259,24 +260,3 @@ def test_a_full_queue_answers_that_it_is_busy(node):
     for request in long[:9]:
         request.cancel()
         request.result()
-
-
-def test_simulate_has_the_contacts_of_the_parameter(client, robot, tmp_path):
-    q = np.array(Q)
-    height = float(robot.frame_pose('c', q)[2, 3]) - 0.05
-    file = tmp_path / 'table.yaml'
-    file.write_text('contacts: {tool: {frame: c, friction: 0.5, '
-                    f'plane: {{point: [0, 0, {height!r}]}}}}}}')
-    expected = simulate(robot, q, np.zeros(3), 0.5, sample=0.01,
-                        contacts=load_contacts(file))
-    process = Process(robot_description=f"'{URDF}'", simulation__contacts=str(file))
-    try:
-        process.wait_for('active, mode')
-        client.process = process
-        answer = client.call(Simulate, 'simulate', position=Q, duration=0.5,
-                             sample_period=0.01)
-    finally:
-        assert process.end()[0] == 0
-    assert answer.success, answer.message
-    assert close(positions(answer.trajectory), expected.q)
-    assert str(expected.contact_events[0]) in answer.message
