@@ -83,7 +83,7 @@ class Derivation:
 
     def __init__(self, robot: Robot, numbers: bool, axes: str, points: Sequence[str],
                  auxiliary: Sequence[str], energy: bool) -> None:
-        """Derive all steps in their order; arguments are those of `derivation`."""
+        """Derive all steps in order; `derivation` describes the arguments."""
         self.robot = robot
         self.axes = axes
         rows = [force for force in auxiliary if force in robot.mechanism.labels]

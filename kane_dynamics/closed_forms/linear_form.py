@@ -93,9 +93,9 @@ def linear_form(robot: Robot, q: Any = None, u: Any = None, *, numbers: bool = F
     """
     Return the linear equations of motion about a state, in symbols.
 
-    The torques are those that keep the speeds, as of `linearized`, which gives the same
-    in numbers. Under constraints the deviations are those that the constraints admit. A
-    relation of the parameters that closes a loop at this state is not used.
+    The torques keep the speeds, like in `linearized`, which returns the same equations in
+    numbers. Under constraints, only deviations that the constraints admit are considered.
+    A relation of the parameters that closes a loop at this state is not used.
 
     Parameters
     ----------

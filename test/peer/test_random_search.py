@@ -71,7 +71,7 @@ def random_linkage(rng):
     choice = {}
     if rng.random() < 0.3 and not loops.model.balls:
         choice['speeds'] = absolute_rates
-    rng.random()  # of a choice that is gone: seeds give the mechanisms that they gave
+    rng.random()  # was a further choice: seeds still give the same mechanisms
     robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
                   **choice)
     if rng.random() < 0.3 and not choice.get('speeds'):
