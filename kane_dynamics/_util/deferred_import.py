@@ -42,14 +42,20 @@ class _DeferredPackage(ModuleType):
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of the package, or Any for an annotation."""
         spec = self.__spec__
-        if name.startswith('__') or spec is None or spec.loader is None:
+        # Searches through `sys.modules`, such as those of `warnings`, execute nothing.
+        is_special = name.startswith('__') and name not in ('__all__', '__version__')
+        if is_special or spec is None or spec.loader is None:
             raise AttributeError(name)
         with _IMPORTING:  # other threads wait until it is executed
             if self.for_annotations:
                 return Any
             if not self.executed:
-                self.executed = True
-                spec.loader.exec_module(self)
+                self.executed = True  # its own code may look for attributes
+                try:
+                    spec.loader.exec_module(self)
+                except BaseException:
+                    self.executed = False  # the next use raises the error again
+                    raise
         return super().__getattribute__(name)
 
 

@@ -23,6 +23,10 @@ scene = reader.URDF.load(sys.argv[1], load_meshes=False).scene
 import trimesh, yourdfpy
 print(type(scene) is trimesh.Scene, yourdfpy.urdf.trimesh is trimesh)
 """
+VERSION_AFTER_LOAD = FIRST_LOAD + """
+import trimesh
+print(trimesh.__version__ == trimesh.version.__version__)
+"""
 SLOW_IMPORT = """
 import os, sys, threading, time, warnings
 warnings.simplefilter('ignore')
@@ -74,6 +78,10 @@ def test_the_first_load_of_a_urdf_executes_no_mesh_library(tmp_path, monkeypatch
 
 def test_the_deferred_package_is_executed_when_it_is_used(tmp_path, monkeypatch):
     assert run(DEFERRED_USE, tmp_path, monkeypatch) == ['False', 'True True']
+
+
+def test_a_program_reads_the_version_of_the_deferred_package(tmp_path, monkeypatch):
+    assert run(VERSION_AFTER_LOAD, tmp_path, monkeypatch) == ['', 'True']
 
 
 def test_a_thread_may_load_a_urdf_and_use_meshes_during_the_first_load(
