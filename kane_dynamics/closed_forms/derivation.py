@@ -106,7 +106,7 @@ class Derivation:
         numeric = with_auxiliary_speeds(robot.mechanism, reactions)
         mechanism = symbolic_mechanism(numeric, self._table, reactions)
         self._model = mechanism.model
-        count = robot.model.n  # speeds without those of reactions
+        count = robot.model.n  # without the auxiliary speeds of reactions
         self.free = robot.mechanism.free
         self.dependent = nonholonomic.dependent_places(numeric)
 
@@ -193,8 +193,8 @@ class Derivation:
         self.M = M[:n, :n]
         self.inertia_bias = bias[:n, :]
 
-        # Each reaction by the equation of its auxiliary speed, each row by that of the
-        # dependent speed that it alone changes.
+        # A reaction follows from the equation of its auxiliary speed, the force of a row from
+        # the equation of the dependent speed that this row alone changes.
         self.auxiliary = {}
         udot = sp.Matrix([self.udot[r] for r in self.free])
         for k, reaction in enumerate(reactions, n):

@@ -78,7 +78,7 @@ class Steps:
         return Chunk(done, times, buffer, self)
 
     def advance(self, buffer: Array, done: int) -> None:
-        """Compute the states of a buffer; arguments as of `TorqueInput.advance`."""
+        """Compute the states of a buffer; `TorqueInput.advance` describes the arguments."""
         self._advance(self.source, buffer, done)
 
     def user_state(self, state: Array) -> tuple[Array, Array]:

@@ -30,8 +30,8 @@ class LoadArrows:
     tau : (K, n_q) array
         Actuator torque of each joint, N m or N.
     reactions : (K, n_bodies, 6) array
-        `Robot.joint_reactions`, N and N m; zero in a motion with contacts, of which these
-        know nothing.
+        `Robot.joint_reactions`, N and N m; zero in a motion with contacts, whose
+        forces they would lack.
     contacts : (K, 2, c, 3) array
         Points, m, and forces, N, of contacts, in the world.
 

@@ -155,8 +155,8 @@ def moving(*derivatives: Any) -> Any:
     """
     Return jets from values, first, second ... derivatives: arrays, or scalars.
 
-    Those of values and rates alone are dual numbers: value and rate of a function are
-    those of its result.
+    Jets of values and rates alone are dual numbers: a function of them returns its value
+    and its rate.
     """
     arrays = [np.asarray(array, dtype=object) for array in derivatives]
     result = np.empty(arrays[0].shape, dtype=object)

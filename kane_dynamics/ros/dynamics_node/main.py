@@ -1,8 +1,8 @@
 """
 The program `kane_dynamics`: entry point, executor, shutdown.
 
-The node spins in the main thread on the EventsExecutor, whose overhead for each message
-is an order of magnitude lower than that of the other executors. Signals do not interrupt
+The node spins in the main thread on the EventsExecutor. The other executors take about
+ten times as long for each message. Signals do not interrupt
 callbacks, and the node commands zeros before it exits. They are handled before the long
 imports begin, which is why functions import here.
 """

@@ -87,7 +87,7 @@ class SimulatedArm:
     sensor_side : str
         Side of the gears of elastic joints on which sensors are: 'motor' or 'link'.
     contacts : sequence of Contact
-        As of `simulate`.
+        Contacts of named points, like in `simulate`.
 
     Attributes
     ----------
